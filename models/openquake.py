@@ -14,7 +14,7 @@ def header_values(line: str) -> dict[str, str]:
     {'kind': 'mean', 'investigation_time': '50.0', 'weights': '[0.4, 0.6]'}
     """
     # The cell is quoted as CSV does it, so that quotes inside it are doubled.
-    text = line.lstrip("#, ").strip()
+    text = line.lstrip("#,;\t ").strip()
     if text.startswith('"'):
         text = text[1:].removesuffix('"').replace('""', '"')
     return {key: value.strip().strip("'\"") for key, value in _PAIR.findall(text)}

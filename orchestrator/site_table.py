@@ -14,9 +14,9 @@ from typing import Any
 from toppling.models.bearings import degrees_of
 from toppling.models.errors import InputError, refusals
 from toppling.models.files import documents
-from toppling.models.files.csv_text import plain, separator_of
+from toppling.models.files.csv_text import plain
 from toppling.models.files.folder import rock_name
-from toppling.models.files.text_file import text_given
+from toppling.models.files.table import Table
 from toppling.models.motions.ensemble import CATALOG, Ensemble
 from toppling.models.motions.record import Record
 from toppling.orchestrator.keys import Key, Place, number, path, read_keys
@@ -130,15 +130,8 @@ def _rows(given: Path) -> Iterable[dict[str, Any]]:
 
 
 def _rows_of_csv(given: Path) -> Iterable[dict[str, Any]]:
-    text = text_given(given, _no_rocks, _LARGEST_BYTES)
-    lines = [line for line in text.splitlines(keepends=True) if not line.startswith(("#", "sep="))]
-    header = next((line for line in lines if line.strip(" ,;\t\n")), "")
-    delimiter = separator_of(header)
-    cells = [
-        filled
-        for _, row in documents.csv_rows(lines, given, delimiter)
-        if (filled := {column: cell.strip() for column, cell in enumerate(row) if cell.strip()})
-    ]
+    table = Table.read(given, _no_rocks, _LARGEST_BYTES)
+    cells = [{column: cell for column, cell in enumerate(row) if cell} for _, row in table.rows]
     written = {column: name.casefold() for column, name in cells[0].items()} if cells else {}
     names = {column: _SHORT.get(name, name) for column, name in written.items()}
     in_unit = {n: name.replace("age", "") for n, name in names.items() if "age" in name and unit_years(name)}
@@ -182,8 +175,8 @@ def _of_cell(name: str, text: str, unit: str) -> Any:
         return f"{text} {unit.strip(' _()[]')}"
     if name in _PLACE:
         return text if (degrees := degrees_of(text, name)) is None else degrees
-    try:  # no friction reaches a thousand: a comma is a decimal one
-        return float(text.replace(",", ".")) if name == "friction" else text
+    try:
+        return float(text) if name == "friction" else text
     except ValueError:
         return text
 

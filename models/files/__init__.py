@@ -2,5 +2,5 @@
 
 __all__ = [
     "csv_text", "digest", "documents", "folder", "given", "guarded", "mesh_files", "ply", "run_document",
-    "scene_document", "stores", "tables", "text_file",
+    "scene_document", "stores", "table", "tables", "text_file",
 ]  # fmt: skip

@@ -1,6 +1,5 @@
-"""JSON, TOML and CSV of strangers: bounded before they are parsed, and their values shown in a line."""
+"""JSON, XML and TOML of strangers: bounded before they are parsed, and their values shown in a line."""
 
-import csv
 import json
 import math
 import re
@@ -147,26 +146,6 @@ def _toml_remedy(error: str) -> str:
     if "overwrite" in error:
         return "state each key once"
     return _CORRECT
-
-
-def csv_rows(lines: Any, where: object, delimiter: str = ",") -> Iterator[tuple[int, list[str]]]:
-    """Rows of a CSV table, its header too, each with its line; blank lines are none.
-
-    Raises InputError if the module csv cannot read it: a field of more than 131,072 characters is a quote that nobody
-    closed.
-    """
-    reader = csv.reader(lines, delimiter=delimiter)
-    try:
-        for row in filter(None, reader):
-            yield reader.line_num, row
-    except csv.Error as error:
-        raise InputError(
-            "table.unreadable",
-            f"is no CSV ({error})",
-            where=f"{where}:{reader.line_num}",
-            expected="a CSV table with a header line",
-            remedy="look for a quote that is not closed, or save the table as CSV again",
-        ) from None
 
 
 @dataclass(frozen=True)

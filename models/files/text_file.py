@@ -1,17 +1,16 @@
-"""Text files of strangers: encodings and ends of lines of any system, lines by their numbers, rows of tables."""
+"""Text files of strangers: encodings and ends of lines of any system, lines by their numbers."""
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NoReturn, Self
+from typing import NoReturn
 
-from toppling.models.errors import InputError, refusals
-from toppling.models.files.documents import csv_rows
+from toppling.models.errors import InputError
 from toppling.models.files.given import Refuse, bytes_given
 
 HEAD_BYTES = 4000
-LARGEST_TABLE_BYTES, _LARGEST_LIST_BYTES = 100_000_000, 1_000_000
+LARGEST_TABLE_BYTES = 100_000_000
 _FILLING = re.compile(rb"(?<![\0\x1a])[\0\x1a]++(?=[\r\n]|\Z)|(?<=[\r\n])[\0\x1a]++")
 """DOS' end of file, and zeros that fill a line or a block: never inside of a line, where they are damage.
 
@@ -53,11 +52,6 @@ def text_given(path: Path, refuse: Refuse, most_bytes: int = LARGEST_TABLE_BYTES
     return text
 
 
-def lines_of_list(path: Path, refuse: Refuse) -> list[str]:
-    """Lines of a short list that a person made, such as of control points; raises as :func:`text_given`."""
-    return text_given(path, refuse, _LARGEST_LIST_BYTES).splitlines()
-
-
 def encoding_of(head: bytes) -> str | None:
     """Encoding of a text by its first lines, for a file too large to be decoded at once; None if it is binary."""
     if encoding := _utf_16(head):
@@ -94,9 +88,6 @@ def _utf_16(content: bytes) -> str | None:
     return "utf-16-le" if odd > even else "utf-16-be"
 
 
-no_table = refusals(expected="a CSV table", remedy="save the table again")
-
-
 @dataclass(frozen=True)
 class TextFile:
     """Lines of a file, or of a part of it, by their places from 0; errors number them in the file, from 1."""
@@ -104,20 +95,6 @@ class TextFile:
     path: Path
     lines: Sequence[str]
     above: int = 0  # lines of the file before these
-
-    @classmethod
-    def of_table(cls, path: Path) -> Self:
-        """A whole table, in any encoding that :func:`text_of` knows.
-
-        Raises InputError if it is larger than any table, or holds a zero: with the line.
-        """
-        content = bytes_given(path, no_table, LARGEST_TABLE_BYTES)
-        text = text_of(content)
-        if text is None or "\0" in text:
-            before = content.partition(b"\0")[0] if text is None else text.partition("\0")[0].encode()
-            cls(path, ()).refuse("file.holds_zeros", before.count(b"\n"), "a zero byte", "a CSV table",
-                "save the table again")  # fmt: skip
-        return cls(path, text.splitlines())
 
     def where(self, at: int) -> str:
         """File and line, as an error names them."""
@@ -128,9 +105,3 @@ class TextFile:
     ) -> NoReturn:
         """Refuse the file for what is wrong at a line."""
         raise InputError(code, what, where=self.where(at), expected=expected, remedy=remedy)
-
-    def rows(self, separator: str, start: int = 0) -> Iterator[tuple[int, list[str]]]:
-        """Rows of a table from a line on, its header too, each with the place of its line."""
-        ended = (f"{line}\n" for line in self.lines[start:])  # which a quoted cell may hold
-        for number, row in csv_rows(ended, self.path, separator):
-            yield start + number - 1, row

@@ -10,7 +10,7 @@ import numpy as np
 
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError, refusals
-from toppling.models.files.text_file import lines_of_list
+from toppling.models.files.table import Table, places_in
 from toppling.models.scan.hints_file import FLAT, KINDS, outside_cloud
 
 _LEAST_TOUCHES = 3
@@ -157,19 +157,9 @@ def inspection_of(
 def _places(path: Path) -> Inspection:
     found: dict[bool, list[list[float]]] = {True: [], False: []}
     at: dict[bool, list[int]] = {True: [], False: []}
-    for number, line in enumerate(lines_of_list(path, _unusable), 1):
-        words = line.replace(",", " ").replace(";", " ").split()
-        if not words or words[0].startswith("#"):
-            continue
-        try:
-            place = [float(word) for word in words[:3]]
-        except ValueError:
-            if number == 1:
-                continue
-            raise _unusable("hint.place_unreadable", f"line {number} is '{line}'", path) from None
-        kind = words[3].lower() if len(words) == 4 else ""
-        if len(place) != 3 or not np.isfinite(place).all() or kind not in _TOUCHES + _OPEN:
-            raise _unusable("hint.place_unreadable", f"line {number} is '{line}'", path)
+    for number, cells, place in places_in(Table.read(path, _unusable), slice(3), (4,), _unusable)[1]:
+        if (kind := cells[3].lower()) not in _TOUCHES + _OPEN:
+            raise _unusable("hint.place_unreadable", f"line {number} says {kind!r}", path)
         found[kind in _TOUCHES].append(place)
         at[kind in _TOUCHES].append(number)
     if not found[True] and not found[False]:

@@ -1,19 +1,19 @@
 """A site's hazard deaggregation, by which records are weighted: a table of bins, nshmp-haz's data.csv, OpenQuake's."""
 
-import csv
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import NoReturn
 
 from toppling.models import openquake
 from toppling.models.errors import InputError
-from toppling.models.files.csv_text import is_numeral, separator_of
+from toppling.models.files.csv_text import is_numeral
 from toppling.models.files.documents import listed, read_json, shown
-from toppling.models.files.text_file import TextFile, no_table, text_given
+from toppling.models.files.table import Table, no_table
+from toppling.models.files.text_file import text_given
 
 _TRACE = "T"
 """What nshmp-haz prints for a contribution below 0.01 %."""
@@ -29,12 +29,8 @@ _OTHER_LENGTHS = re.compile(
     r"[(\[]\s*(?:m|mi|miles?|ft|feet|met(?:re|er)s?|nm|deg(?:rees)?|°)\s*[)\]]", re.IGNORECASE
 )
 """Units of distances that are not km, in brackets behind a column's name."""
-_THOUSANDS = re.compile(r"[1-9]\d{0,2}(?:,\d{3})+(?:\.\d+)?")
 _UNEVEN, _MOST_UNEVEN = 0.1, 0.3
 """Share, and bins, by which centres may lie nearer or farther apart than whole numbers of bins, as by rounding."""
-
-_REMARK = re.compile(r"#(?!\s*[,;\t])")
-"""With which a line begins that is no row; a column may be called #."""
 
 _LONGEST_NAME = 200
 """Characters of a column's name that are looked at."""
@@ -76,7 +72,7 @@ def read_deaggregation(table: Path, imt: str | None = None, poe: float | None = 
     Raises InputError if a column is missing or a number is none, with the line; or the table has no such measure or
     probability.
     """
-    file = TextFile.of_table(table)
+    file = Table.read(table)
     first = file.lines[0] if file.lines else ""
     if first.startswith("imt,") or openquake.header_values(first):
         return _openquake(file, imt, poe)
@@ -86,16 +82,12 @@ def read_deaggregation(table: Path, imt: str | None = None, poe: float | None = 
     return Deaggregation(_nshmp(file) if "Σε" in first else _bins(file))
 
 
-def _bins(file: TextFile) -> list[Bin]:
+def _bins(file: Table) -> list[Bin]:
     """Bins of a person's table, by their edges or their centres; those that it splits, as by epsilon, are added up."""
-    file = replace(file, lines=["" if _REMARK.match(line) else line for line in file.lines])
-    start = next((at for at, line in enumerate(file.lines) if line.strip()), 0)
-    separator = separator_of("".join(file.lines[start : start + 1]))
-    names_and_rows = list(file.rows(separator, start))
-    if len(names_and_rows) < 2:
+    if len(file.rows) < 2:
         what = "no bin below the names of columns"
-        file.refuse("deaggregation.no_bin", start, what, "a row for each bin", "export the table again")
-    (_, header), *rows = names_and_rows
+        file.refuse("deaggregation.no_bin", 0, what, "a row for each bin", "export the table again")
+    (start, header), *rows = file.rows
     known = {_plain(name): column for column, name in enumerate(header)}
     roles = [next((n for n in known if n in names), "") for names in _COLUMNS]
     for name in header:
@@ -107,13 +99,10 @@ def _bins(file: TextFile) -> list[Bin]:
     by_centre = all(roles) and not set(edges) <= known.keys()
     names = roles if by_centre else (*edges, "contribution")
     places = [known.get(name, len(header)) for name in names]
-    decimal = separator != "," and any(
-        _has_decimal_comma(row[place]) for _, row in rows for place in places if place < len(row)
-    )
     found = []
     for at, row in rows:
         try:
-            numbers = [_of_cell(row[place].strip(), separator, decimal) for place in places]
+            numbers = [float(row[place].rstrip("% ")) for place in places]
         except (IndexError, ValueError):
             numbers = []
         ordered = by_centre or (numbers[:1] < numbers[1:2] and numbers[2:3] < numbers[3:4])
@@ -132,34 +121,15 @@ def _bins(file: TextFile) -> list[Bin]:
     return [Bin((place[0], place[1]), (place[2], place[3]), share) for place, share in shares.items()]
 
 
-def _has_decimal_comma(text: str) -> bool:
-    """Whether the comma in a cell can part no thousands."""
-    return "," in text and _THOUSANDS.fullmatch(text.rstrip("% ")) is None
-
-
-def _of_cell(text: str, separator: str, decimal: bool) -> float:
-    """Number of a cell, perhaps in per cent, with a decimal comma, as others beside it, or commas between thousands.
-
-    Raises ValueError if it is none, or its comma may be either.
-    """
-    text = text.rstrip("% ")
-    thousands = not decimal and _THOUSANDS.fullmatch(text) is not None
-    if "," in text and thousands != (separator == ","):
-        raise ValueError(text)
-    return float(text.replace(",", "" if thousands else "."))
-
-
 def _plain(name: str) -> str:
     """Name of a column in lower case, without its unit."""
     bare = re.sub(r"[(\[][^)\]]*[)\]]", "", name[:_LONGEST_NAME].lower()).replace("_", " ")
     return " ".join(bare.removesuffix(" km").split())
 
 
-def _nshmp(file: TextFile) -> list[Bin]:
+def _nshmp(file: Table) -> list[Bin]:
     """Bins of nshmp-haz: r and m are centres, Σε is the contribution in per cent of the total."""
-    _, records = _records(
-        file, 0, {"r", "m", "Σε"}, "", "give data.csv as nshmp-haz wrote it, with r, m and Σε"
-    )
+    _, records = _records(file, {"r", "m", "Σε"}, "", "give data.csv as nshmp-haz wrote it, with r, m and Σε")
     rows = [
         [0.0 if row[name] == _TRACE else _number(where, row[name]) for name in ("r", "m", "Σε")]
         for where, row in records
@@ -168,28 +138,16 @@ def _nshmp(file: TextFile) -> list[Bin]:
     return [Bin(_around(m, magnitude), _around(r, distance_km), share) for r, m, share in rows]
 
 
-def _records(
-    file: TextFile, start: int, needed: set[str], lacks: str, remedy: str
-) -> tuple[list[str], list[_Record]]:
-    """Names in a line of a table that a program wrote, and the whole rows below, with file and line of each."""
-    reader = csv.reader(file.lines[start:])
-    try:
-        rows = [
-            (file.where(start + reader.line_num - 1), [cell.strip() for cell in row])
-            for row in reader
-            if any(cell.strip() for cell in row)
-        ]
-    except csv.Error as error:
-        where = file.where(start + reader.line_num - 1)
-        _refuse("table.unreadable", where, f"is no CSV ({error})", "give the file as it was written")
-    (_, header), *rows = rows or [("", [])]
+def _records(file: Table, needed: set[str], lacks: str, remedy: str) -> tuple[list[str], list[_Record]]:
+    """Names in a table that a program wrote, and the whole rows below, with file and line of each."""
+    header = file.names
     if not needed <= set(header):
         _refuse("deaggregation.columns_unknown", file.path, f"has the columns {shown(header)}{lacks}", remedy)
-    for where, row in rows:
+    for at, row in file.rows[1:]:
         if len(row) != len(header):
             what = f"has not the header's {len(header)} columns but {len(row)}"
-            _refuse("table.row_wrong_length", where, what, "give the whole file")
-    return header, [(where, dict(zip(header, row, strict=True))) for where, row in rows]
+            _refuse("table.row_wrong_length", file.where(at), what, "give the whole file")
+    return header, [(file.where(at), dict(zip(header, row, strict=True))) for at, row in file.rows[1:]]
 
 
 def _around(centre: float, width: float) -> tuple[float, float]:
@@ -239,13 +197,12 @@ def _widths(table: Path, distances_km: Sequence[float], magnitudes: Sequence[flo
     return widths[0] or 0.0, widths[1] or 0.0
 
 
-def _openquake(file: TextFile, imt: str | None, poe: float | None) -> Deaggregation:
+def _openquake(file: Table, imt: str | None, poe: float | None) -> Deaggregation:
     """Bins of OpenQuake: values are probabilities in the investigation time; bins combine as independent events do."""
-    commented, table = file.lines[0].startswith("#"), file.path
-    stated = openquake.header_values(file.lines[0]) if commented else {}
+    table, stated = file.path, openquake.header_values(file.lines[0]) if file.lines[0].startswith("#") else {}
     lacks = ": a deaggregation over magnitude and distance is needed"
     remedy = "give Mag_Dist, as disagg_outputs = Mag_Dist writes it"
-    header, records = _records(file, int(commented), {"imt", "poe", "mag", "dist"}, lacks, remedy)
+    header, records = _records(file, {"imt", "poe", "mag", "dist"}, lacks, remedy)
     edges = [openquake.numbers(stated.get(f"{name}_bin_edges", "")) for name in ("mag", "dist")]
     if not all(len(one) > 1 and all(a < b for a, b in pairwise(one)) for one in edges):
         what = "states no mag_bin_edges and dist_bin_edges in its first line"

@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import NoReturn
 
 from toppling.models.errors import InputError
-from toppling.models.files.csv_text import is_numeral, separator_of
+from toppling.models.files.csv_text import is_numeral
 from toppling.models.files.documents import shown
 from toppling.models.files.folder import named_beside
 from toppling.models.files.given import open_given
-from toppling.models.files.text_file import TextFile, text_of
+from toppling.models.files.table import Table
+from toppling.models.files.text_file import text_of
 from toppling.models.motions.formats.component import TIME_STEPS_S, bearing, no_record, refuse_file
 from toppling.models.motions.formats.units import counted_unit, known_names
 
@@ -46,8 +47,6 @@ _COLUMNS = {
 """What is read, and the names that a table may give it, in any case; other columns are left alone."""
 
 
-_WORDS = {"record_id", "event", "station", "h1", "h2", "v", "processing"}
-"""Columns that hold no number."""
 _UNCORRECTED = ("uncorrected", "raw")
 """How the column `processing` may begin, beside 'corrected'."""
 _OFTEN_UNKNOWN = {"magnitude", "distance_km", "corner_hz", "h1_azimuth", "h2_azimuth"}
@@ -113,24 +112,16 @@ def read_table(table: Path) -> list[Entry]:
     Raises InputError if a column is missing, there is no row, a number is none, a unit is unknown, or two rows have one
     id: with the line.
     """
-    file = TextFile.of_table(table)
-    separator = separator_of(file.lines[0] if file.lines else "")
-    rows = file.rows(separator)
-    names = [_name(name) for name in next(rows, (0, []))[1]]
+    file = Table.read(table)
+    names = list(map(_name, file.names))
     if "h1" not in names or "h2" not in names:
         file.refuse("metadata.columns_missing", 0, f"no columns h1 and h2 among {shown(names[:8])}",
             "a CSV table with a header line and at least the columns h1, h2",
             "one row a record: h1,h2,v,unit,event,mag,dist_km,station")  # fmt: skip
     places = {
-        key: found
-        for key, spelled in _COLUMNS.items()
-        if (found := [names.index(name) for name in spelled if name in names])
+        key: [names.index(name) for name in spelled if name in names] for key, spelled in _COLUMNS.items()
     }
-    entries = [
-        _entry(_Row.of(places, cells, file.where(at), separator != ","), table, file.above + at + 1)
-        for at, cells in rows
-        if any(cells) and not _is_remark(cells)
-    ]
+    entries = [_entry(_Row.of(places, cells, file.where(at)), table, at + 1) for at, cells in file.rows[1:]]
     if not entries:
         remedy = "say what the files do not, or leave the table away"
         refuse_file("metadata.no_row", table, "a header and no row", "one row a record", remedy)
@@ -143,20 +134,11 @@ def read_table(table: Path) -> list[Entry]:
     return entries
 
 
-def _is_remark(cells: Sequence[str]) -> bool:
-    return cells[0].lstrip().startswith("#") and not any(cells[1:])
-
-
 def looks_like_table(path: Path) -> bool:
     """Whether a CSV file has the columns of a metadata table."""
     with open_given(path, no_record) as file:
         head = text_of(file.read(_LONGEST_HEADER)) or ""
-    return {"h1", "h2"} <= set(_names(head.split("\n", 1)[0]))
-
-
-def _names(head: str) -> list[str]:
-    """Names of a header's columns, as `_COLUMNS` spells them."""
-    return [_name(name) for name in head.strip().split(separator_of(head))]
+    return {"h1", "h2"} <= set(map(_name, Table.of(head.split("\n", 1)[:1], path).names))
 
 
 def _name(name: str) -> str:
@@ -172,17 +154,11 @@ class _Row:
     cells: Mapping[str, str]
 
     @classmethod
-    def of(
-        cls, places: Mapping[str, Sequence[int]], cells: Sequence[str], where: str, decimal_comma: bool
-    ) -> "_Row":
-        text = dict.fromkeys(_COLUMNS, "")
-        text |= {
-            key: next((cells[at].strip() for at in columns if at < len(cells) and cells[at]), "")
+    def of(cls, places: Mapping[str, Sequence[int]], cells: Sequence[str], where: str) -> "_Row":
+        return cls(where, {
+            key: next((cells[at] for at in columns if at < len(cells) and cells[at]), "")
             for key, columns in places.items()
-        }
-        if decimal_comma:
-            text |= {key: text[key].replace(",", ".") for key in text if key not in _WORDS}
-        return cls(where, text)
+        })  # fmt: skip
 
     def refuse(self, code: str, what: str, expected: str, remedy: str = "correct the table") -> NoReturn:
         raise InputError(code, what, where=self.where, expected=expected, remedy=remedy)

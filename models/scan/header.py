@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from toppling.models.errors import InputError
 from toppling.models.lengths import in_degrees
 
-_DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+")
 _AXES = {
     "x": ("x", "easting", "east", "e"),
     "y": ("y", "northing", "north", "n"),
@@ -30,22 +29,6 @@ _OTHER_COLUMNS = frozenset(
 
 Columns = tuple[int, int, int]
 """Numbers of the columns of x, y and z."""
-
-
-def cells_of_list(line: str, counts: Sequence[int]) -> list[str]:
-    """Cells of a line of such a list, of which there should be one of some `counts`, with decimal points.
-
-    Examples
-    --------
-    >>> cells_of_list("P 1;1,5;2;3,25", (3, 4)), cells_of_list("1.5, 2, 3.25", (3, 4))
-    (['P 1', '1.5', '2', '3.25'], ['1.5', '2', '3.25'])
-    """
-    sign = next((sign for sign in ";\t" if sign in line), None)
-    cells = [cell.strip() for cell in line.split(sign) if cell.strip()]
-    decimal = [cell for cell in cells if "," in cell]
-    if len(cells) in counts and (decimal or sign) and all(map(_DECIMAL_COMMA.fullmatch, decimal)):
-        return [cell.replace(",", ".") for cell in cells]
-    return line.replace(",", " ").replace(";", " ").split()
 
 
 def named_columns(lines: Sequence[str], columns: int, where: str, unit_given: bool = False) -> Columns | None:

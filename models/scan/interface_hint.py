@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike
 
 from toppling.models.arrays import Array, Flags
 from toppling.models.errors import InputError, refusals
-from toppling.models.files.text_file import lines_of_list
+from toppling.models.files.table import Table, places_in
 from toppling.models.frames import plane_normal, slope_of_normal
 from toppling.models.scan.doubt import direction_told
-from toppling.models.scan.header import cells_of_list, named_columns
+from toppling.models.scan.header import named_columns
 from toppling.models.scan.hints_file import outside_cloud
 from toppling.models.scan.interface import Interface, fit_interface
 from toppling.models.scan.surfels import Surfels
@@ -98,24 +98,10 @@ class InterfaceHint:
         InputError
             If the file is no such list.
         """
-        rows: list[list[float]] = []
-        columns = (0, 1, 2)
-        for number, line in enumerate(lines_of_list(Path(path), _unusable), 1):
-            words = cells_of_list(line, (3,))
-            try:
-                row = [float(word) for word in words]
-            except ValueError:
-                if rows or number > 1:
-                    raise _unusable(
-                        "hint.place_unreadable", f"line {number} is '{line}'", str(path)
-                    ) from None
-                columns = named_columns([line], 3, str(path)) or columns
-                continue
-            if row:
-                if len(row) != 3 or not np.isfinite(row).all():
-                    raise _unusable("hint.place_unreadable", f"line {number} is '{line}'", str(path))
-                rows.append(row)
-        points = np.array([[row[column] for column in columns] for row in rows], float).reshape(-1, 3)
+        table = Table.read(Path(path), _unusable)
+        header, places = places_in(table, slice(3), (3,), _unusable)
+        columns = named_columns([header], 3, str(path)) or (0, 1, 2)
+        points = np.array([numbers for _, _, numbers in places], float).reshape(-1, 3)[:, columns]
         if len(points) > 1 and np.array_equal(points[0], points[-1]):
             points = points[:-1]
         return cls.points(points, "outline")

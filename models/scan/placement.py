@@ -12,9 +12,8 @@ from scipy.special import fdtrc
 
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError, refusals
-from toppling.models.files.text_file import lines_of_list
+from toppling.models.files.table import Table, places_in
 from toppling.models.frames import rotation_between
-from toppling.models.scan.header import cells_of_list
 
 _ONE_LINE = 0.02
 """Points whose spread across is less than this share of that along lie on one line, about which the model can turn."""
@@ -168,31 +167,21 @@ def control_point_lines(given: str | Path | Sequence[str]) -> list[str]:
     """
     if not isinstance(given, str | Path):
         return list(given)
-    return lines_of_list(Path(given), _unusable)
+    return list(Table.read(Path(given), _unusable).lines)
 
 
 def _rows(lines: Sequence[str], path: str, in_metres: bool) -> tuple[tuple[str, ...], Array]:
     """Names of the points, and their six coordinates (n, 6)."""
-    names: list[str] = []
-    rows: list[list[float]] = []
-    header = ""
-    for number, line in enumerate(lines, 1):
-        words = cells_of_list(line, (6, 7))
-        if not words or words[0].startswith("#"):
-            header = header if rows else line or header
-            continue
-        numbers = _numbers(words[-6:])
-        if numbers is None or len(words) not in (6, 7):
-            if not rows and _numbers(words[1:]) is None:
-                header = line
-                continue
-            raise _unusable("placement.point_unreadable", f"line {number} is '{line}'", path)
-        names.append(words[0] if len(words) == 7 else f"{len(rows) + 1} (line {number})")
-        rows.append(numbers)
-    if len(rows) < 3:
-        raise _unusable("placement.too_few_points", f"holds {len(rows)} points", path)
+    table = Table.of(lines, Path(path))
+    header, places = places_in(table, slice(-6, None), (6, 7), _unusable)
+    if len(places) < 3:
+        raise _unusable("placement.too_few_points", f"holds {len(places)} points", path)
     _check_header(header, path, in_metres)
-    return tuple(names), np.array(rows)
+    names = (
+        cells[0] if len(cells) == 7 else f"{count} (line {number})"
+        for count, (number, cells, _) in enumerate(places, 1)
+    )
+    return tuple(names), np.array([numbers for _, _, numbers in places])
 
 
 def _check_header(header: str, path: str, in_metres: bool) -> None:
@@ -213,14 +202,6 @@ def _check_header(header: str, path: str, in_metres: bool) -> None:
             f"states the survey under {', '.join(other)}, and it is read in metres",
             path,
         )
-
-
-def _numbers(words: list[str]) -> list[float] | None:
-    try:
-        numbers = [float(word) for word in words]
-    except ValueError:
-        return None
-    return numbers if np.isfinite(numbers).all() else None
 
 
 AXES = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1), "-x": (-1, 0, 0), "-y": (0, -1, 0), "-z": (0, 0, -1)}

@@ -25,9 +25,10 @@ from numpy.typing import NDArray
 
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError, refusals
-from toppling.models.files.csv_text import plain, plain_table
-from toppling.models.files.documents import csv_rows, json_of, xml_of
+from toppling.models.files.csv_text import plain
+from toppling.models.files.documents import json_of, xml_of
 from toppling.models.files.folder import instead, write_text
+from toppling.models.files.table import Table
 from toppling.models.files.text_file import text_given
 from toppling.models.motions.measures import OPENQUAKE
 from toppling.results.analysis.lognormal import Basis, Lognormal, Resampled, Surface
@@ -253,9 +254,8 @@ def _json(rows: list[dict[str, Any]], name: str) -> str:
 
 def _rows(text: str, path: Path) -> list[dict[str, Any]]:
     if path.suffix == ".csv":
-        rows = csv_rows(plain_table(text.splitlines()), path)
-        _, names = next(rows, (0, []))
-        return [dict(zip(names, row, strict=False)) for _, row in rows if any(row)]
+        table = Table.of(text.splitlines(), path)
+        return [dict(zip(table.names, row, strict=False)) for _, row in table.rows[1:]]
     document = json_of(text, path, _curve_error)
     return [*document.get("curves", ()), *document.get("surfaces", ())]
 

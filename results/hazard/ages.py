@@ -9,7 +9,6 @@ fragile until some later date F: in the last min(A, F) years it could topple as 
 all, or with its medians multiplied by a factor.
 """
 
-import csv
 import math
 import re
 from collections.abc import Sequence
@@ -22,8 +21,7 @@ from scipy.special import ndtr, ndtri
 
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError, refusals
-from toppling.models.files.csv_text import plain_table
-from toppling.models.files.text_file import text_given
+from toppling.models.files.table import Table
 
 _AGE_SAMPLES = 400
 """Number of equally likely years that represent an age."""
@@ -269,30 +267,26 @@ def _of_file(path: Path) -> Array:
 
 def _read_ages(path: Path) -> tuple[Array, Array]:
     """Years and weights from a file; unit weights where it has none."""
-    lines = plain_table(text_given(path, _file_error, _LARGEST_BYTES).splitlines())
-    try:
-        rows = [row for row in csv.reader(line for line in lines if not line.startswith("#")) if any(row)]
-    except csv.Error as error:
-        raise _file_error("table.unreadable", f"it is no CSV ({error})", path) from error
-    names = [name.strip() for name in rows[0]] if rows else []
+    table = Table.read(path, _file_error, _LARGEST_BYTES)
+    rows, names = [row for _, row in table.rows], table.names
     unit = unit_years(names[0]) if names else None
     if unit is None:
         raise _file_error("age.no_header", f"the first line, {','.join(names)!r}, is no header", path)
     if [name.lower() for name in names[1:]] not in ([], ["weight"], ["probability"]):
         raise _file_error("age.columns_unknown", f"it has the columns {', '.join(names)}", path)
-    if unit == 1.0 and rows[1:] and all(_DOTTED.fullmatch(row[0].strip()) for row in rows[1:]):
+    if unit == 1.0 and rows[1:] and all(_DOTTED.fullmatch(row[0]) for row in rows[1:]):
         raise _file_error(
             "age.decimals_ambiguous", f"{rows[1][0]!r} may be decimals, or thousands with a dot between", path
         )
     try:
-        table = np.array([[float(cell) for cell in row] for row in rows[1:]]).reshape(-1, len(names))
+        values = np.array([[float(cell) for cell in row] for row in rows[1:]]).reshape(-1, len(names))
     except ValueError as error:
         raise _file_error(
             "age.row_unreadable", f"it has a line that is no {' and '.join(names)} ({error})", path
         ) from error
-    years = table[:, 0] * unit
-    weights = table[:, 1] if len(names) > 1 else np.ones(len(table))
-    if not (len(table) and np.isfinite(table).all() and (years > 0).all()):
+    years = values[:, 0] * unit
+    weights = values[:, 1] if len(names) > 1 else np.ones(len(values))
+    if not (len(values) and np.isfinite(values).all() and (years > 0).all()):
         raise _file_error("age.not_positive", "there is none, or one that is not above zero", path)
     if not ((weights >= 0).all() and weights.sum() > 0):
         raise _file_error("age.weights_unusable", "no weight is above zero, or one is negative", path)

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from toppling.models.errors import InputError, refusals
-from toppling.models.files.csv_text import separator_of
+from toppling.models.files import table as text
 from toppling.models.files.given import LONGEST_LINE_BYTES, check_lines, open_given
 from toppling.models.files.text_file import HEAD_BYTES, encoding_of
 from toppling.results.hazard.events import EventBranch, EventSite
@@ -46,10 +46,9 @@ class Table:
     path: Path
     header: tuple[str, ...]  # columns, by today's names
     keys: Mapping[str, str]  # of the comment line
+    head: text.Table  # of the first rows
     skipped: int  # lines above the columns
-    separator: str = ","
-    decimal: str = "."
-    encoding: str = "utf-8-sig"
+    encoding: str
 
     def frame(self) -> pd.DataFrame:
         """All rows; identifiers of sites are text."""
@@ -60,11 +59,12 @@ class Table:
                 _check_cells(file, len(self.header), self.path)
                 frame = pd.read_csv(
                     file,
-                    sep=self.separator,
+                    sep=self.head.sign or ",",
                     skiprows=self.skipped,
                     dtype=texts,
                     encoding=self.encoding,
-                    decimal=self.decimal,
+                    decimal=self.head.decimal,
+                    thousands=self.head.thousands,
                 )
         except InputError:
             raise
@@ -101,17 +101,12 @@ def opened(path: Path) -> Table | None:
                 return None
             file.seek(0)
             lines = io.TextIOWrapper(file, encoding)
-            head = [lines.readline(LONGEST_LINE_BYTES) for _ in range(_MOST_COMMENTS)]
+            head = text.Table.of([lines.readline(LONGEST_LINE_BYTES) for _ in range(_MOST_COMMENTS)], path)
     except (InputError, UnicodeDecodeError):
         return None
-    skipped = next((number for number, line in enumerate(head) if not line.startswith("#")), 0)
-    header = head[skipped].rstrip("\n")
-    separator = separator_of(header)
-    names = [_named(name) for name in header.split(separator)]
-    below = " ".join(head[skipped + 1 :])
-    decimal = "," if separator != "," and "," in below and not re.search(r"\d\.\d", below) else "."
-    keys = header_values(head[0]) if skipped else {}
-    return Table(path, tuple(names), keys, skipped, separator, decimal, encoding)
+    skipped = head.rows[0][0] if head.rows else 0
+    keys = header_values(head.lines[0]) if skipped else {}
+    return Table(path, tuple(map(_named, head.names)), keys, head, skipped, encoding)
 
 
 def kind_of(table: Table) -> str:

@@ -41,7 +41,7 @@ def matches(file: HazardFile) -> bool:
     """Whether a header is nshmp-haz's: longitude, latitude, then numbers; or a text an answer of its web service."""
     if file.kind == "json":
         return '"response"' in file.text and ('"xvalues"' in file.text or '"xs"' in file.text)
-    header = _header(file.table[0].split(","))
+    header = _header(file.table.names)
     first = _first_level(header)
     return 0 < first <= _MOST_BEFORE and len(header) > first + 1 and all(map(is_numeral, header[first:]))
 
@@ -61,8 +61,7 @@ def other_output(file: HazardFile) -> tuple[str, str] | None:
 
     Numbers from 1 to 10.5 in equal steps are magnitudes: a hazard curve begins below 1 g, or ends above 10.5 cm/s.
     """
-    header = next((line for line in file.table if not line.startswith("#")), "")
-    cells = [cell.strip(' "') for cell in header.split(",")]
+    cells = file.table.names
     levels = np.array([float(cell) for cell in cells if is_numeral(cell)])
     steps = np.diff(levels)
     inside = (levels >= _LEAST_MAGNITUDE) & (levels <= _LARGEST_MAGNITUDE)
@@ -78,7 +77,7 @@ def read(file: HazardFile) -> list[Statement]:
     """
     if file.kind == "json":
         return _service_answers(file)
-    (_, names), *rows = list(file.rows(file.table))
+    names, rows = file.table.names, file.rows
     header = _header(names)
     where = file.path.absolute()
     known = [measure_of(folder.name) for folder in where.parents[:3]]

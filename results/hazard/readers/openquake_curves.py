@@ -5,7 +5,6 @@ name. Probabilities are over `investigation_time`; PGA and SA are in g, PGV in c
 """
 
 import re
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -19,17 +18,16 @@ _NAMED = re.compile(
 """In a file's name, which says what its first line did where that was lost."""
 
 
-def _header(lines: Sequence[str]) -> str:
-    """The line of the columns' names, below what the engine states."""
-    return lines[1] if lines[0].startswith("#") and len(lines) > 1 else lines[0]
+def _names(file: HazardFile) -> list[str]:
+    """Of the columns: engine 2 adds types, poe-0.1:float32, and engines before 3.8 number branches by `ordinal`."""
+    bare = [name.partition(":")[0] for name in file.table.names]
+    return ["rlz_id" if name == "ordinal" else name for name in bare]
 
 
 def matches(file: HazardFile) -> bool:
     """Whether a file is one of OpenQuake's that is read here: curves, or realisations."""
-    header = _header(file.table)
-    return (
-        "poe-" in header or re.match(r"(rlz_id|ordinal)(:\w+)?,branch_path(:\w+)?,weight", header) is not None
-    )
+    names = _names(file)
+    return any(name.startswith("poe-") for name in names) or names[:3] == ["rlz_id", "branch_path", "weight"]
 
 
 _ADD_IMT = "add imt='PGA' to its first line, or give --measure"
@@ -53,12 +51,11 @@ _OTHERS = {
 
 def other_output(file: HazardFile) -> tuple[str, str] | None:
     """What else of the engine's output a table is, and what to give instead; None of other tables."""
-    stated, header = file.table[0].startswith("#"), _header(file.table)
-    plain = re.sub(r":\w+", "", header.lower().replace('"', ""))
-    if matches(file) or not (stated or "~" in plain):
+    columns = ",".join(_names(file)).lower()
+    if matches(file) or not (file.first_line or "~" in columns):
         return None
-    found = next((of for columns, of in _OTHERS.items() if re.match(columns, plain)), None)
-    return found and (f"{found[0]} (columns {header[:60]})", found[1])
+    found = next((of for of_columns, of in _OTHERS.items() if re.match(of_columns, columns)), None)
+    return found and (f"{found[0]} (columns {columns[:60]})", found[1])
 
 
 def read(file: HazardFile) -> Stated:
@@ -66,16 +63,10 @@ def read(file: HazardFile) -> Stated:
 
     Raises InputError if the file states no measure or time, or something else than probabilities.
     """
-    lines = file.table
-    stated = header_values(lines[0]) if lines[0].startswith("#") else {}
-    body = 1 if lines[0].startswith("#") else 0
-    (_, named), *rows = list(file.rows(lines[body:], body + 1))
-    header = [name.partition(":")[0] for name in named]  # engine 2 adds types, poe-0.1:float32
-    if "ordinal" in header:
-        header[header.index("ordinal")] = "rlz_id"  # before engine 3.8
+    header, rows = _names(file), file.rows
     if "branch_path" in header:
         return _realisations(file, header, rows)
-    return _curves(file, stated, header, rows)
+    return _curves(file, header_values(file.first_line), header, rows)
 
 
 def _realisations(file: HazardFile, header: list[str], rows: list[tuple[int, list[str]]]) -> Realisations:
@@ -113,7 +104,7 @@ def _curves(
         "states no investigation_time: the years that its probabilities are over",
         "add investigation_time=50.0 to its first line, or give --values 50")  # fmt: skip
     kind, key = _kind(file, stated.get("kind", ""))
-    levels = [file.number(2, header[index].removeprefix("poe-")) * unit for index in places]
+    levels = [file.number(2, header[index].removeprefix("poe-").replace(",", ".")) * unit for index in places]
     found = []
     for line, row in file.wanted_rows(rows, header, "custom_site_id"):
         poes = [file.number(line, row[index]) for index in places]

@@ -1,9 +1,7 @@
 """What a hazard file states, before files are put together to trees."""
 
-import csv
-import io
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -12,7 +10,8 @@ from typing import Any, NoReturn
 from numpy.typing import ArrayLike
 
 from toppling.models.errors import InputError, refusals
-from toppling.models.files.csv_text import is_numeral, plain_table
+from toppling.models.files.csv_text import is_numeral
+from toppling.models.files.table import Table
 from toppling.models.motions.formats.units import unit_of
 from toppling.results.hazard.curves import HazardCurve, curve_of
 from toppling.results.hazard.measure_names import measure_of, quantity_of
@@ -67,26 +66,25 @@ class HazardFile:
         return self.text.splitlines()
 
     @cached_property
-    def table(self) -> list[str]:
-        """Lines with commas between cells and decimal points, whatever program saved them."""
-        return plain_table(self.lines)
+    def table(self) -> Table:
+        """Rows of columns."""
+        return Table.of(self.lines, self.path)
+
+    @property
+    def rows(self) -> list[tuple[int, list[str]]]:
+        """Rows below the names of columns, with the numbers of their lines, from 1."""
+        return [(at + 1, row) for at, row in self.table.rows[1:]]
+
+    @property
+    def first_line(self) -> str:
+        """The line above the columns that a program states what they are of in; a spreadsheet may have quoted it."""
+        line = self.lines[0]
+        quoted = line.startswith('"#') and line.endswith('"')
+        return line[1:-1].replace('""', '"') if quoted else line if line.startswith("#") else ""
 
     def refuse(self, code: str, what: str, remedy: str = _EXPORT_AGAIN) -> NoReturn:
         """Refuse the file."""
         refuse(code, self.path, what, remedy)
-
-    def rows(self, lines: Sequence[str], first: int = 1) -> Iterator[tuple[int, list[str]]]:
-        """Rows of CSV with the number of their line, blank ones left out."""
-        reader = csv.reader(io.StringIO("\n".join(lines)))
-        while True:
-            try:
-                row = next(reader)
-            except StopIteration:
-                return
-            except csv.Error as error:
-                self.refuse("table.unreadable", f"line {first + reader.line_num}: {error}")
-            if any(cell.strip() for cell in row):
-                yield first + reader.line_num - 1, [cell.strip() for cell in row]
 
     def number(self, line: int, text: str, *, endless: bool = False) -> float:
         """Number of a cell, finite unless it may be endless; 1D-3 is Fortran's 1e-3."""

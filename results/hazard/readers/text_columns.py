@@ -26,7 +26,7 @@ _MOST_G_ONCE = {"pga": 2.0, "sa": 5.0}
 
 def matches(file: HazardFile) -> bool:
     """Whether a file of a folder begins with a header that names a measure and what its values are."""
-    header = _table(file)[0]
+    header = file.table.names
     measures = [name for name in header if measure_with_unit(name)]
     return len(measures) == 1 and (len(header) == 2 or any(map(says_value, header)))
 
@@ -36,12 +36,12 @@ def read(file: HazardFile) -> list[Statement]:
 
     Raises InputError if the header does not name a measure, or not what the values are.
     """
-    header, rows = _table(file)
+    header = file.table.names
     levels, values = _columns(file, header)
     column, factor = measure_with_unit(header[levels]) or ("", 0.0)
     years, rate_of = values_of(file, header[values])
     endless = rate_of(math.inf) == 0.0  # a return period
-    rows = file.wanted_rows(rows, header, None)
+    rows = file.wanted_rows(file.rows, header, None)
     x = [file.number(line, row[levels]) * factor for line, row in rows]
     y = [rate_of(file.number(line, row[values], endless=endless)) for line, row in rows]
     curve = file.curve(column, x, y, years)
@@ -49,15 +49,6 @@ def read(file: HazardFile) -> list[Statement]:
         above = [line for line in file.lines if line.startswith(_COMMENTS)]
         curve = with_usual_unit(file, header[levels], curve, " ".join(above).lower())
     return [Statement(curve)]
-
-
-def _table(file: HazardFile) -> tuple[list[str], list[tuple[int, list[str]]]]:
-    """Header, the first line that is no remark, and the rows below it with the numbers of their lines."""
-    lines = ["" if line.startswith(_COMMENTS) else line for line in file.table]
-    if not any("," in line for line in lines):
-        lines = [",".join(line.split()) for line in lines]  # of names without blanks, parted by some
-    (_, header), *rows = list(file.rows(lines)) or [(0, [])]
-    return header, rows
 
 
 def _columns(file: HazardFile, header: Sequence[str]) -> tuple[int, int]:

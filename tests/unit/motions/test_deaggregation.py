@@ -187,26 +187,9 @@ def test_what_is_no_bin_of_a_persons_table_is_refused(tmp_path, text, code):
         read_deaggregation(path)
 
 
-def test_a_first_column_called_by_a_number_sign_makes_the_header_no_remark(tmp_path):
-    (tmp_path / "d.csv").write_text("# by hand\n#,mag,dist,share\n1,6,10,2\n2,7,30,3\n")
-    assert [one.contribution for one in read_deaggregation(tmp_path / "d.csv").bins] == [2, 3]
-
-
 def test_a_bracket_that_nobody_closes_is_looked_at_once(tmp_path):
     """By the square of the length, minutes."""
     (tmp_path / "d.csv").write_text(f"mag,dist,share,{'(' * 100_000}\n6,10,2,\n7,30,3,\n")
     start = time.process_time()
     assert len(read_deaggregation(tmp_path / "d.csv").bins) == 2
     assert time.process_time() - start < 5
-
-
-@pytest.mark.parametrize("separator", [";", "\t"])
-def test_a_decimal_comma_before_three_digits_is_one_where_others_are(separator, tmp_path):
-    rows = ["M,R,share", "6|5,12|5,0|125", "7|5,12|5,12|375"]
-    text = "\n".join(rows).replace(",", separator).replace("|", ",")
-    (tmp_path / "d.csv").write_text(text + "\n" + separator.join(["6,5", "22,5", "1"]) + "\n")
-    assert sorted(one.contribution for one in read_deaggregation(tmp_path / "d.csv").bins) == [
-        0.125,
-        1.0,
-        12.375,
-    ]

@@ -14,7 +14,7 @@ from toppling.orchestrator.public.making import in_files
 
 def test_a_file_tells_places_that_touch_from_places_with_daylight(tmp_path):
     path = tmp_path / "looked.csv"
-    path.write_text("x,y,z,kind\n331250.1,3777309.2,480.3,touch\n331251;3777310;480.2;daylight\n# end\n")
+    path.write_text("x,y,z,kind\n331250.1,3777309.2,480.3,touch\n331251,3777310,480.2,daylight\n# end\n")
     found = inspection_of(path, [(135.0, 0.32)])
     assert found.touching_m.tolist() == [[331250.1, 3777309.2, 480.3]]
     assert found.open_m.tolist() == [[331251.0, 3777310.0, 480.2]]

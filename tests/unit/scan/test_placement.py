@@ -48,7 +48,7 @@ def test_a_length_scales_and_an_axis_turns():
 @pytest.mark.parametrize(
     ("head", "sign", "encoding"),
     [
-        *((head, ",", "utf-8") for head in ("", "# marks\n", "name,x,y,z,east,north,height\n", "x;y;z;X;Y;Z\n")),
+        *((head, ",", "utf-8") for head in ("", "# marks\n", "name,x,y,z,east,north,height\n", "x,y,z,X,Y,Z\n")),
         ("", ";", "utf-16"), ("", "\t", "utf-8"), ("", " ", "cp1252"),
     ],
 )  # fmt: skip
@@ -130,9 +130,9 @@ ON_A_LINE = np.outer(np.linspace(0.0, 1.0, 7), [3.0, 1.0, 2.0])
         ({"gcp": {"model": ON_A_LINE}}, "placement.points_on_a_line"),
         ({"gcp": {"surveyed": SURVEYED_M[:3], "model": np.ones((3, 3))}}, "placement.points_on_a_line"),
         ({"gcp": "1,2,3,4,5,6\n2,3,4,5,6,7\n"}, "placement.too_few_points"),
-        ({"gcp": "1,2,3,4,5,6\n2,3,x,5,6,7\n1,1,1,1,1,1\n"}, "placement.point_unreadable"),
-        ({"gcp": "1,2,3\n4,5,6\n7,8,9\n"}, "placement.point_unreadable"),
-        ({"gcp": "1,2,3,4,5,6\n2,3,4,5,6,inf\n3,3,3,3,3,3\n"}, "placement.point_unreadable"),
+        ({"gcp": "1,2,3,4,5,6\n2,3,x,5,6,7\n1,1,1,1,1,1\n"}, "hint.place_unreadable"),
+        ({"gcp": "1,2,3\n4,5,6\n7,8,9\n"}, "hint.place_unreadable"),
+        ({"gcp": "1,2,3,4,5,6\n2,3,4,5,6,inf\n3,3,3,3,3,3\n"}, "hint.place_unreadable"),
         ({"gcp": ""}, "placement.too_few_points"),
     ],
 )  # fmt: skip
@@ -189,7 +189,7 @@ def test_a_grid_whose_northing_is_as_long_as_the_earths_radius_is_not_geocentric
     [
         ("name,easting,northing,height,x,y,z\n", "placement.sides_exchanged"),
         ("# E N H X Y Z\n", "placement.sides_exchanged"),
-        ("name;x;y;z;E (ft);N (ft);H (ft)\n", "coordinates.unit_not_metres"),
+        ("name,x,y,z,E (ft),N (ft),H (ft)\n", "coordinates.unit_not_metres"),
     ],
 )
 def test_names_of_control_points_columns_are_held_against_their_order_and_unit(tmp_path, head, said):

@@ -1,0 +1,153 @@
+"""Tables in text: one rule for what parts the cells, one for decimal commas, one for remarks."""
+
+import csv
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+from toppling.models.errors import refusals
+from toppling.models.files.csv_text import is_numeral
+from toppling.models.files.given import Refuse, bytes_given
+from toppling.models.files.text_file import LARGEST_TABLE_BYTES, TextFile, text_of
+
+no_table = refusals(
+    expected="a CSV table with a header line",
+    remedy="look for a quote that is not closed, or save the table as CSV again",
+)
+_SIGNS, _REMARKS = ";\t,", ("#", "%", "//")
+_REMARK = re.compile(r'\s*"?(?:[#%]|//)(?!\s*[,;\t]\s*\w[^=]*$)|sep=.$')
+"""How a line begins that is no row, but where a column is called #; and Excel's note on its separator."""
+_MINUS = re.compile(r"[\u2212\u2013](?=[\d.,])")
+_NUMBER = re.compile(
+    r"([-+]?(?:\d{1,3}(?:([.,])\d{3})+(?:(?!\2)[.,]\d*)?|\d*[.,]\d+|\d+[.,]?)(?:e[-+]?\d+)?)(\s*[a-z%/^²]*)",
+    re.IGNORECASE,
+)
+"""A number of any country, perhaps with its unit."""
+_THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(?:,\d{3})+(?:\.\d*)?")
+_DECIMAL = re.compile(r"[-+]?(?:\d*|[1-9]\d{0,2}(?:\.\d{3})+),\d*(?:e[-+]?\d+)?", re.IGNORECASE)
+_DOTTED = re.compile(r"[-+]?[1-9]\d{0,2}(?:\.\d{3})+(?:,\d*)?")
+
+
+_Place = tuple[int, list[str], list[float]]
+"""Number of a line, its cells, and its numbers."""
+
+
+@dataclass(frozen=True)
+class Table(TextFile):
+    """Cells of a table, stripped, their numbers with decimal points; the first row has the names of the columns."""
+
+    rows: Sequence[tuple[int, list[str]]] = ()
+    """With the place of its line each, from 0."""
+    sign: str | None = None
+    """Between the cells: semicolon, tab or comma, the first that a line has; None for blanks, or of one column."""
+    decimal: str = "."
+    """In the numbers of the file."""
+    thousands: str | None = None
+    """Between thousands there."""
+
+    @classmethod
+    def read(cls, path: Path, refuse: Refuse = no_table, most_bytes: float = LARGEST_TABLE_BYTES) -> Self:
+        """Table of a file, in any encoding that :func:`~toppling.models.files.text_file.text_of` knows.
+
+        Raises InputError if there is none, it is too large, or holds a zero: with the line.
+        """
+        content = bytes_given(path, refuse, most_bytes)
+        text = text_of(content)
+        if text is None or "\0" in text:
+            line = content.partition(b"\0")[0].count(b"\n") + 1
+            raise refuse("file.holds_zeros", "holds a zero byte", f"{path}:{line}")
+        return cls.of(text.splitlines(), path)
+
+    @classmethod
+    def of(cls, lines: Sequence[str], path: Path) -> Self:
+        """Table of lines; blank rows and remarks are left out.
+
+        Raises InputError if a row is no CSV.
+        """
+        plain = [_MINUS.sub("-", line) for line in lines]
+        first = next(
+            (n for n, line in enumerate(plain) if line.strip(" ,;\t") and not _REMARK.match(line)), len(plain)
+        )
+        sign = _sign(plain[first:])
+        rows: list[tuple[int, list[str]]] = []
+        if sign is None:
+            words = [(n, line.split()) for n, line in enumerate(plain[first:], first)]
+            one_column = len({len(row) for _, row in words if row}) > 1
+            rows = [(n, [" ".join(row)] if one_column else row) for n, row in words]
+        else:
+            reader = csv.reader(
+                (f"{line}\n" for line in plain[first:]), delimiter=sign, skipinitialspace=True
+            )
+            try:
+                rows += ((first + reader.line_num - 1, [cell.strip() for cell in row]) for row in reader)
+            except csv.Error as error:
+                where = f"{path}:{first + reader.line_num}"
+                raise no_table("table.unreadable", f"is no CSV ({error})", where) from None
+        rows = [(n, row) for n, row in rows if any(row) and (n == first or not row[0].startswith(_REMARKS))]
+        decimal, thousands = _signs_in_numbers(rows, sign)
+        if (decimal, thousands) != (".", None):
+            rows = [(n, [_plain(cell, decimal, thousands or "") for cell in row]) for n, row in rows]
+        return cls(path, lines, rows=rows, sign=sign, decimal=decimal, thousands=thousands)
+
+    @property
+    def names(self) -> list[str]:
+        """Of the columns."""
+        return self.rows[0][1] if self.rows else []
+
+
+def places_in(table: Table, part: slice, counts: Sequence[int], refuse: Refuse) -> tuple[str, list[_Place]]:
+    """Places that a person lists: the line of names above them, empty if there is none, and each with its line from 1.
+
+    part: cells of a row that are its numbers.
+    counts: how many cells a row may have.
+    Raises InputError: at the first row that is no place.
+    """
+    places: list[_Place] = []
+    named_at = table.rows[0][0] - 1 if table.rows else -1
+    for at, row in table.rows:
+        cells = [cell for cell in row if cell]
+        numbers = [float(cell) if is_numeral(cell) else math.nan for cell in cells[part]]
+        if not places and not any(map(is_numeral, cells)):
+            named_at = at
+        elif len(cells) not in counts or not all(map(math.isfinite, numbers)):
+            raise refuse("hint.place_unreadable", f"line {at + 1} is '{table.lines[at]}'", table.path)
+        else:
+            places.append((at + 1, cells, numbers))
+    return table.lines[named_at] if named_at >= 0 else "", places
+
+
+def _sign(lines: Sequence[str]) -> str | None:
+    for line in lines:
+        if sign := next((sign for sign in _SIGNS if sign in line), None):
+            words = line.split()
+            of_numbers = sign == "," and len(words) > 1 and all(map(_NUMBER.fullmatch, words))
+            return None if of_numbers else sign
+    return None
+
+
+def _signs_in_numbers(rows: Sequence[tuple[int, list[str]]], sign: str | None) -> tuple[str, str | None]:
+    """Decimal sign, and what parts thousands; a point and nothing where that cannot be told.
+
+    Commas part thousands where each may, and numbers have decimal points or are parted by commas too; they are decimal
+    where no number has a point, beside which dots may part thousands. Of tabs nobody knows if all commas may be either.
+    """
+
+    def numbers_with(of: str) -> list[str]:
+        return [
+            match[1] for _, row in rows for cell in row if of in cell and (match := _NUMBER.fullmatch(cell))
+        ]
+
+    if not (commas := numbers_with(",")):
+        return ".", None
+    points, thousands = numbers_with("."), all(map(_THOUSANDS.fullmatch, commas))
+    if thousands and (points or sign == "," or any(number.count(",") > 1 for number in commas)):
+        return ".", ","
+    decimal = all(map(_DECIMAL.fullmatch, commas)) and all(map(_DOTTED.fullmatch, points))
+    return (",", ".") if decimal and (not thousands or sign == ";") else (".", None)
+
+
+def _plain(cell: str, decimal: str, thousands: str) -> str:
+    return cell.replace(thousands, "").replace(decimal, ".") if _NUMBER.fullmatch(cell) else cell

@@ -1,3 +1,3 @@
-"""What is done with runs: audited, conditioned, ended by precision, repeated, scored. The core never imports it."""
+"""Studies of and with runs: audits, conditioning of bases, stopping by precision, seismograms. Not used by the core."""
 
 __all__ = ["audit", "conditioning", "precision", "seismograms"]

@@ -1,6 +1,6 @@
-"""A run audits itself: a random sample of its jobs is done again with the finest preset, and with another engine.
+"""Audit of a run: a random sample of its jobs is repeated with the finest preset, and with other engines.
 
-Rows of an audit lie in folders of their own in the run's, never among its answers (`analysis.audit_statistics`).
+Rows of an audit are stored in separate subfolders of the run, never among its results (`analysis.audit_statistics`).
 """
 
 import dataclasses
@@ -31,22 +31,22 @@ from toppling.workers.options import PRESETS
 
 log = logging.getLogger(__name__)
 
-_COST_SHARE = 0.1
-"""Of the run's cost, that an audit takes at most unless a number of jobs is asked for."""
+_COST_FRACTION = 0.1
+"""Maximum cost of an audit as a fraction of the run's, unless a number of jobs is requested."""
 
 _DRAWN_COLUMNS = ["job_id", "status", "wall_s", "finished_at"]
 
 
 @dataclass(frozen=True)
 class _Auditor:
-    """Who does jobs again."""
+    """Engine and preset that repeat jobs."""
 
-    name: str  # of its folder
+    name: str  # name of its folder
     engine: str
     preset: str
 
     def fits(self, campaign: Campaign) -> bool:
-        """Whether it is installed, differs from who made the run, and models what the campaign asks for."""
+        """Whether it is installed, differs from the run's engine and preset, and supports the campaign's options."""
         engine = ENGINES[self.engine]
         if engine.version is None or not engine.models(campaign.friction, campaign.restitution):
             return False
@@ -68,37 +68,36 @@ AUDITORS = (
 
 
 def _auditors(campaign: Campaign) -> list[_Auditor]:
-    """Those that are installed here and can say something about a run of this campaign."""
+    """Auditors that are installed and applicable to a run of this campaign."""
     return [one for one in AUDITORS if one.fits(campaign)]
 
 
 def affordable(campaign: Campaign, rows: pa.Table) -> int:
-    """Jobs, in the order in which they are drawn, that cost a tenth of all when they are done again by every auditor.
+    """Number of jobs, in the order drawn, whose repetition by all auditors costs a tenth of the run; 0 if too few.
 
-    A job costs its time on its worker, whether it took a step or not; the reference at least as much more as its steps
-    are shorter. Too few to tell anything are none.
+    A job's cost is its time on its worker, even without a step; the reference costs more by at least the ratio of the
+    steps.
     """
     share = PRESETS[campaign.preset].step_share / PRESETS[run_integrity.REFERENCE].step_share
     wall_s = pc.fill_null(rows["wall_s"], 0.0).to_numpy().astype(float)
     dearer = sum(
         max(share, 1.0) if one.name == run_integrity.REFERENCE else 1.0 for one in _auditors(campaign)
     )
-    count = int(np.searchsorted(np.cumsum(wall_s) * dearer, _COST_SHARE * wall_s.sum(), side="right"))
+    count = int(np.searchsorted(np.cumsum(wall_s) * dearer, _COST_FRACTION * wall_s.sum(), side="right"))
     return count if count >= run_integrity.LEAST_JOBS else 0
 
 
 def drawn(folder: Path) -> pa.Table:
-    """A run's jobs with an answer in the order in which they are drawn: that of their ids, which are hashes."""
+    """Answered jobs of a run in the order in which they are drawn: that of their ids, which are hashes."""
     rows = store.read_steady([folder], lambda: store.newest_rows(store.result_files(folder), _DRAWN_COLUMNS))
     return rows.filter(pc.equal(rows["status"], "ok")).sort_by("job_id")
 
 
 def audit(work: Work, count: int) -> list[RunProgress]:
-    """Do a random sample of a run's jobs again, or go on with it: one progress for each auditor.
+    """Repeat a random sample of a run's jobs, or resume that; returns the progress of each auditor.
 
-    work: the run's.
-    count: jobs; more of them begin with the same ones.
-    Raises InputError if another process audits this run, or nothing here can.
+    count: number of jobs; a larger sample includes a smaller one.
+    Raises InputError if another process audits this run, or no auditor is applicable.
     """
     planned, folder = work.planned, work.folder
     able = _auditors(planned.campaign)
@@ -139,10 +138,7 @@ def audit(work: Work, count: int) -> list[RunProgress]:
 
 
 def check_versions(folder: Path) -> None:
-    """Make sure that the answers done again differ from the run's by their settings alone.
-
-    Raises InputError if the run was made with another version of the physics.
-    """
+    """Raise InputError if the run was made with another physics version, so that an audit would not be comparable."""
     there, here = describe(folder).get("versions", {}).get("physics"), dict(versions())["physics"]
     if there != here:
         raise InputError(
@@ -161,7 +157,7 @@ def _rows_of(planned: Plan, ids: pa.ChunkedArray) -> NDArray[np.int64]:
 
 @contextmanager
 def _alone(folder: Path) -> Iterator[Path]:
-    """Folder of a run's audits, held against another process that would write there."""
+    """Folder of a run's audits, locked against other processes."""
     home = place_in(folder, run_integrity.AUDIT_FOLDER)
     home.mkdir(exist_ok=True)
     with (home / ".lock").open("a") as lock:
@@ -179,12 +175,12 @@ def _alone(folder: Path) -> Iterator[Path]:
 
 
 class Auditing:
-    """A run audits itself as its campaign says, once its jobs are done."""
+    """Stage that audits a run after its jobs, as its campaign requests."""
 
     before = False
 
     def due(self, planned: Plan, folder: Path) -> int:
-        """Jobs that the campaign wants audited and that some auditor has not done; 0 for nothing to do."""
+        """Number of jobs to audit if some auditor has not finished them; else 0."""
         wanted = planned.campaign.audit
         if wanted == 0:
             return 0
@@ -199,5 +195,5 @@ class Auditing:
         return 0
 
     def carry_out(self, work: Work) -> None:
-        """As of `Stage`."""
+        """Run or resume the audit."""
         audit(work, self.due(work.planned, work.folder))

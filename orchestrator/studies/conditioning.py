@@ -1,10 +1,10 @@
-"""A rock that stood a recorded shaking tells of its base: each draw of it is shaken with the recorded motion.
+"""Conditioning of the hidden base on survived shaking: each drawn base is shaken with the recorded motion.
 
-The shakes are campaigns like any other, each motion as strong and as oriented as it was recorded. Their realisations
-draw the bases, and friction and what else nobody measured beside them, as those of the run do.
+The shakes are ordinary campaigns of unscaled motions in their recorded orientation. Their realisations draw the bases,
+and friction and other unmeasured parameters as in the run.
 
-A draw on which the rock stood k of n times lets it stand with probability (k + 1/2) / (n + 1) (Jeffreys' prior), so
-that no weight becomes 0: nothing was seen to topple. Over several motions these probabilities are multiplied.
+A base on which the rock stood in k of n shakes has the survival probability (k + 1/2) / (n + 1) (Jeffreys' prior), so
+that no weight is 0. The probabilities of several motions are multiplied.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -32,18 +32,18 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _Run = Callable[..., object]
-"""Carries a plan out in a folder (`orchestrator.run.run`)."""
+"""Function that executes a plan in a folder (`orchestrator.run.run`)."""
 
 
 @dataclass(frozen=True)
 class Weighing:
-    """Bases are weighed, before the jobs, by the motions that the campaign knows the rock to have stood."""
+    """Stage that weights the bases, before the jobs, by the motions that the rock survived."""
 
     run: _Run
     before: bool = True
 
     def due(self, planned: Plan, folder: Path) -> bool:
-        """Whether there are such motions and no weights yet; damaged weights are refused before any work."""
+        """Whether there are survived motions and no weights yet; damaged weights are refused before any work."""
         if not planned.recorded:
             return False
         if (folder / WEIGHTS_FILE).exists():
@@ -52,7 +52,7 @@ class Weighing:
         return True
 
     def carry_out(self, work: Work) -> None:
-        """Weigh them."""
+        """Compute and write the weights."""
         planned = work.planned
         assert planned.recorded is not None
         shake = partial(
@@ -64,7 +64,7 @@ class Weighing:
 
 
 def weighing(watch: ProgressCallback) -> ProgressCallback:
-    """Show a session's progress as what it serves."""
+    """Label a session's progress as conditioning of the bases."""
 
     def watching(progress: RunProgress) -> None:
         progress.what = "shaking each base with what the rock stood"
@@ -74,13 +74,13 @@ def weighing(watch: ProgressCallback) -> ProgressCallback:
 
 
 def weigh(campaign: Campaign, recorded: stood.Recorded, folder: Path, shake: _Run) -> Weights:
-    """Shake every draw of the base with what the rock stood, and weigh the draws by it; goes on where it was stopped.
+    """Shake every drawn base with the survived motions, and weight the draws by the results; resumable.
 
-    campaign: whose contacts, engine, preset and unmeasured the shakes have.
-    recorded: as `Recorded.write` wrote it to the folder.
-    folder: where the shakes go.
-    shake: carries a plan out in a folder.
-    Raises InputError if a motion gets no answer, as where the engine refuses to shake this rock.
+    campaign: source of contacts, engine, preset and unmeasured parameters.
+    recorded: survived motions, already written to the folder by `Recorded.write`.
+    folder: output folder of the shakes.
+    shake: executes a plan in a folder.
+    Raises InputError if a motion has no answer, such as where the engine refuses to shake this rock.
     """
     import pandas as pd  # what most runs begin without
 
@@ -111,7 +111,7 @@ def weigh(campaign: Campaign, recorded: stood.Recorded, folder: Path, shake: _Ru
 
 
 def _evidence(recorded: stood.Recorded) -> dict[str, Any]:
-    """What a program reads of the motions: lists, and the number of shakes of each draw with each motion."""
+    """Motions in machine-readable form, and the number of shakes per draw and motion."""
     given = zip(recorded.records, recorded.paths, strict=True)
     return {
         "files": sorted({file for record, path in given for file in record.files or (path,)}),
@@ -123,7 +123,7 @@ def _evidence(recorded: stood.Recorded) -> dict[str, Any]:
 
 
 def by_evidence(by_contact: Mapping[Contact, Array], evidence: Mapping[str, Any]) -> Weights:
-    """Weights, with what a person reads of the motions that they rest on (`_evidence`)."""
+    """Weights with a description of the motions that they are based on (`_evidence`)."""
     motions, unknown = _and(evidence["records"]), evidence["azimuths_unknown"]
     remarks = [f"Where the components of {_and(unknown)} pointed is not known: it shook from all sides"]
     return Weights(
@@ -137,10 +137,7 @@ def by_evidence(by_contact: Mapping[Contact, Array], evidence: Mapping[str, Any]
 
 
 def refuse_counted(weights: Weights, recorded: stood.Recorded) -> None:
-    """Refuse motions that weights rest on already.
-
-    Raises InputError that names them.
-    """
+    """Raise InputError for motions that are already part of the weights."""
     if twice := [one.record_id for one in recorded.records if one.sha in weights.evidence["shas"]]:
         raise InputError(
             "record.given_twice",
@@ -152,7 +149,7 @@ def refuse_counted(weights: Weights, recorded: stood.Recorded) -> None:
 
 
 def joined(own: Weights, also: Weights) -> Weights:
-    """Weights by the motions of both, under the contacts of the second."""
+    """Product of two sets of weights, for the contacts of the second."""
     both = {contact: own.of(contact) * weights for contact, weights in also.by_contact.items()}
     evidence = {
         name: own.evidence[name] + value if isinstance(value, list) else value
@@ -162,9 +159,9 @@ def joined(own: Weights, also: Weights) -> Weights:
 
 
 def weights_by_contact(rows: "pd.DataFrame", draws: int) -> dict[Contact, Array]:
-    """Weights of draws by the shakes of them.
+    """Weights of drawn bases from the results of their shakes.
 
-    rows: rows of results; a shake without an answer tells nothing.
+    rows: rows of results; shakes without an answer are ignored.
     draws: number of draws of the base.
     Raises InputError if a motion has no answer at all.
     """
@@ -172,13 +169,13 @@ def weights_by_contact(rows: "pd.DataFrame", draws: int) -> dict[Contact, Array]
     for contact, jobs in rows.groupby(CONTACT):
         chances = [_chances(str(name), shakes, draws) for name, shakes in jobs.groupby("record_id")]
         log = np.log(chances).sum(axis=0)
-        weights = np.exp(np.maximum(log - log.max(), -600.0))  # the least number is still above 0
+        weights = np.exp(np.maximum(log - log.max(), -600.0))  # avoids underflow to 0
         found[tuple(map(float, contact))] = weights / weights.mean()
     return found  # type: ignore[return-value]  # of three columns
 
 
 def _chances(name: str, shakes: "pd.DataFrame", draws: int) -> Array:
-    """Probability that the rock stands one motion on each base; on one without an answer the mean of the others."""
+    """Probability that the rock survives a motion on each base; the mean of the others for a base without an answer."""
     known = shakes[shakes["toppled"].notna() & shakes["base"].notna()]
     if not len(known):
         messages = shakes["message"].dropna() if "message" in shakes else shakes["toppled"].dropna()

@@ -1,7 +1,7 @@
-"""Jobs round after round, as many as a statement needs to be as sure as a campaign asks.
+"""Sequential selection of jobs until a statement has the precision that a campaign requests.
 
-Rounds are played back from the store at every start, each from the rows of the rounds before alone, so that it does not
-matter how many workers there were and how often a run was stopped.
+Rounds are reconstructed from the store at every start, each only from the rows of earlier rounds, so that they do not
+depend on the number of workers or on interruptions.
 """
 
 from pathlib import Path
@@ -27,10 +27,10 @@ _CONTACT = ("friction_static", "friction_kinetic", "restitution")
 
 
 class JobsForPrecision:
-    """Rounds of jobs until what is asked is known well enough; a contact after the other has rounds of its own.
+    """Rounds of jobs until the target has the requested precision, separately for one contact after another.
 
-    folder: the run's, which keeps the statement.
-    Raises InputError if the records lack the measure that is asked for.
+    folder: the run's folder, where the statement is written.
+    Raises InputError if the records lack the target's measure.
     """
 
     def __init__(
@@ -61,7 +61,7 @@ class JobsForPrecision:
 
     @property
     def what(self) -> str:
-        """Is being done, for a person who watches."""
+        """Description of the current round for progress displays."""
         verdicts = [one.verdict for one in self.rounds.values()]
         known = [one.estimate.precision for one in verdicts if one is not None and one.estimate is not None]
         sure = f", +-{100 * max(known):.2g} %" if len(known) == len(verdicts) else ""
@@ -75,7 +75,7 @@ class JobsForPrecision:
         return needed
 
     def pending(self, finished: set[str]) -> Rows:
-        """As of `JobSelection`."""
+        """Rows of the plan to shake next, in the order to start them (`JobSelection`)."""
         while True:
             waiting = [
                 row for one in self.rounds.values() for row in one.chosen if self.ids[row] not in finished
@@ -89,7 +89,7 @@ class JobsForPrecision:
             self._advance(finished)
 
     def _advance(self, finished: set[str]) -> None:
-        """Judge the rounds so far, all of whose jobs have rows, and choose the next ones."""
+        """Judge the rounds whose jobs all have rows, and choose the next ones."""
         frame = pd.DataFrame()
         if any(one.sizes for one in self.rounds.values()):
             run = open_run(self.folder)
@@ -114,7 +114,7 @@ class JobsForPrecision:
         )
 
     def _statement(self, frame: pd.DataFrame, contact: tuple[float, ...], one: Rounds) -> dict:
-        """Of the jobs that were judged: those just chosen have no rows yet."""
+        """Statement from the judged jobs; those of the next round have no rows yet."""
         there = frame[frame["job_id"].isin([self.ids[row] for row in one.chosen[: one.judged]])]
         there = there[there["toppled"].notna()]
         named = dict(zip(_CONTACT, contact, strict=True))
@@ -122,7 +122,7 @@ class JobsForPrecision:
 
 
 def borne_words(campaign: Campaign) -> str:
-    """What a campaign's records bear before any job is done, and where its run ends then; empty if not known."""
+    """Remark on the precision that a campaign's records support a priori, and when its run ends; empty if unknown."""
     assert campaign.precision is not None
     records = len(campaign.records or Ensemble.load(campaign.ensemble).record_ids)
     borne = _target_of(campaign.target or TargetSpec()).borne_by(records)
@@ -135,9 +135,9 @@ def borne_words(campaign: Campaign) -> str:
 
 
 def _target_of(asked: TargetSpec) -> Target:
-    """What a campaign asks for, with its hazard read.
+    """Target of a campaign, with its hazard curve.
 
-    Raises InputError if the hazard cannot be read, or is of several curves or of no measure that records have.
+    Raises InputError if the hazard cannot be read, has several curves, or a measure that records lack.
     """
     if asked.hazard is not None:
         from toppling.results.hazard.readers import read_hazard
@@ -160,10 +160,7 @@ def _target_of(asked: TargetSpec) -> Target:
 
 
 def _usable_measures(catalog: pd.DataFrame, target: Target, where: str) -> list[str]:
-    """Measures that every record has, or the one that is asked for.
-
-    Raises InputError if a record lacks that one.
-    """
+    """Measures that every record has, or the target's measure; InputError if a record lacks that."""
     wanted = [target.measure] if target.measure else list(LEVEL_MEASURES)
     usable = [name for name in wanted if name in catalog and (catalog[name].fillna(0.0) > 0).all()]
     if not usable:
@@ -178,9 +175,9 @@ def _usable_measures(catalog: pd.DataFrame, target: Target, where: str) -> list[
 
 
 def _pools(planned: Plan, catalog: pd.DataFrame, measures: list[str]) -> dict[tuple[float, ...], Pool]:
-    """The jobs of each contact, by record, cell (azimuth, with the realisations of its jobs) and level.
+    """Jobs of each contact, by record, cell (azimuth, with the realisations of its jobs) and level.
 
-    catalog: intensities of the records as recorded, in the order in which they are numbered.
+    catalog: intensities of the unscaled records, in the order of their indices.
     """
     jobs = planned.jobs.to_pandas().astype({"record_id": str}).reset_index(names="row")
     levels = np.sort(np.array(planned.campaign.pga_m_s2))

@@ -1,4 +1,4 @@
-"""Seismograms, unscaled and in their own directions, and what they and their scaled neighbours do to rocks."""
+"""Shakes of rocks with seismograms in their recorded orientation, unscaled and slightly scaled."""
 
 import dataclasses
 import math
@@ -23,12 +23,12 @@ from toppling.orchestrator.site_table import Site, seismograms_in
 from toppling.workers.shake import shake
 
 _AHEAD = 4
-"""Tasks a worker that are handed out: few enough that not all seismograms are in memory."""
+"""Number of submitted tasks per worker, which bounds the seismograms in memory."""
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What one seismogram and its scaled neighbours do to the rock."""
+    """Effect of a seismogram and its scaled copies on a rock."""
 
     record_id: str
     event: str
@@ -38,19 +38,19 @@ class Verdict:
     # Peaks of the horizontal vector, as recorded.
     pga_m_s2: float
     pgv_m_s: float
-    # Of the seismogram as it is: stands, moved, toppled, lodged, or the status of a shake without an answer.
+    # For the unscaled seismogram: stands, moved, toppled, lodged, or the status of a shake without an answer.
     outcome: str
     max_tilt_deg: float
-    # Of the scaled neighbours with an answer, including the seismogram itself.
+    # Among the scaled copies with an answer, including the unscaled one.
     toppled: int
     shaken: int
-    # Share of these that toppled. They are copies of one motion, so no interval is given.
+    # Fraction of these that toppled; without an interval, because they are copies of one motion.
     probability: float | None
-    least_factor: float | None  # least factor that toppled the rock
+    least_factor: float | None  # smallest factor that toppled the rock
 
 
 def neighbouring_factors(largest: float, neighbours: int) -> list[float]:
-    """Factors from 1/largest to largest in equal ratios, 1 in the middle."""
+    """Factors from 1/largest to largest in equal ratios, with 1 at the centre."""
     return [float(largest ** (k / max(neighbours, 1))) for k in range(-neighbours, neighbours + 1)]
 
 
@@ -61,7 +61,7 @@ def judged(
     preset: str,
     advance: Callable[[], object] = lambda: None,
 ) -> Verdict:
-    """Shake a rock with an unscaled record, and with a little weaker and stronger ones."""
+    """Shake a rock with an unscaled record and with scaled copies."""
     answers: dict[float, bool | None] = {}
     outcome, tilt = "", math.nan
     for factor in factors:
@@ -90,32 +90,32 @@ def judged(
 
 @dataclass(frozen=True, eq=False)
 class Seismogram:
-    """One seismogram, which is read where it is shaken."""
+    """A seismogram that is loaded when needed."""
 
     station: str
     event: str
-    files: tuple[str, ...]  # that it was read from
+    files: tuple[str, ...]  # source files
     source: Record | tuple[Path, str]  # the record, or the ensemble's folder and the record's id
 
     def is_at(self, site: str) -> bool:
-        """Whether its station, or the folder of its files, has the site's name."""
+        """Whether its station, or the folder of its files, has the name of the site."""
         folders = [Path(name).parent.name for name in self.files]
         return site.casefold() in (name.casefold() for name in (self.station, *folders))
 
     @property
     def scenario(self) -> str:
-        """What it is of: its event, or else the name of its file."""
+        """Name of its event, or else of its file."""
         return self.event or next((Path(name).stem for name in self.files), self.station)
 
     def record(self, load: Callable[[Path], Ensemble]) -> Record:
-        """The record, if need be from its ensemble, which is loaded as told."""
+        """The record, if necessary from its ensemble, which `load` returns."""
         if isinstance(self.source, Record):
             return self.source
         return load(self.source[0]).record(self.source[1])
 
 
 def of_ensemble(folder: Path) -> list[Seismogram]:
-    """Seismograms of an ensemble, by its catalogue alone."""
+    """Seismograms of an ensemble, read from its catalogue only."""
     rows = Ensemble.load(folder).catalog.select(["record_id", "station", "event", "files"]).to_pylist()
     return [
         Seismogram(row["station"], row["event"], tuple(row["files"]), (folder, row["record_id"]))
@@ -130,15 +130,15 @@ def of_records(records: Iterable[Record]) -> list[Seismogram]:
 
 @dataclass(frozen=True, eq=False)
 class Seismograms:
-    """Seismograms as they were read."""
+    """Seismograms that were read, with remarks."""
 
     found: list[Seismogram]
-    remarks: list[str] = field(default_factory=list)  # what was left out or processed, and why
-    # What is odd in a seismogram: its name and the oddity.
+    remarks: list[str] = field(default_factory=list)  # files left out or records processed, with reasons
+    # Warnings: name of the seismogram and the anomaly.
     notes: list[tuple[str, str]] = field(default_factory=list)
 
     def records(self) -> Iterator[Record]:
-        """The records of all; each ensemble is loaded once, as it is now."""
+        """Records of all seismograms; each ensemble is loaded once."""
         load = lru_cache(maxsize=None)(Ensemble.load)
         return (one.record(load) for one in self.found)
 
@@ -146,12 +146,12 @@ class Seismograms:
 def read_seismograms(
     paths: Sequence[Path], metadata: Path | None, missing_vertical: bool, *, folders_apart: bool = False
 ) -> Seismograms:
-    """Those of ensembles, which stay on disk, and of files as 'records import' reads them.
+    """Seismograms of ensembles, which stay on disk, and of files as 'records import' reads them.
 
-    folders_apart: as for sites, whose files lie in folders of their own.
+    folders_apart: whether the files of each site are in a separate folder.
 
-    Raises UsageError if there is metadata, and no file that it could describe.
-    Raises InputError if no file gives a seismogram; its message says why each was left out.
+    Raises UsageError if metadata is given without files that it could describe.
+    Raises InputError if no file contains a seismogram; its message gives the reasons.
     """
     from toppling.models.motions.importing import ImportOptions, import_records, record_files
     from toppling.models.motions.metadata import read_table
@@ -196,16 +196,16 @@ def read_seismograms(
 
 @dataclass(frozen=True)
 class Checked:
-    """What seismograms do to a rock.
+    """Effect of seismograms on a rock.
 
     Parameters
     ----------
     verdicts : list of Verdict
-        One a seismogram.
+        One per seismogram.
     remarks : list of str
-        What was left out or processed, and why.
+        Files left out or records processed, with reasons.
     notes : list of (str, str)
-        What is odd in a seismogram: its name and the oddity.
+        Warnings: name of the seismogram and the anomaly.
     """
 
     verdicts: list[Verdict]
@@ -213,7 +213,7 @@ class Checked:
     notes: list[tuple[str, str]] = field(default_factory=list)
 
     def frame(self) -> pd.DataFrame:
-        """One row a seismogram."""
+        """Table of the verdicts, one row per seismogram."""
         return pd.DataFrame([dataclasses.asdict(one) for one in self.verdicts])
 
 
@@ -229,7 +229,7 @@ def check(
     preset: str = "standard",
     advance: Callable[..., None] = unseen,
 ) -> Checked:
-    """Test whether seismograms, unscaled and in their own directions, topple a rock, as `toppling check` does.
+    """Test whether seismograms, unscaled and in their recorded orientation, topple a rock, as `toppling check` does.
 
     Parameters
     ----------
@@ -269,7 +269,7 @@ def check(
 
 
 def seismograms_of(site: Site, given: Sequence[Seismogram]) -> list[Seismogram]:
-    """Of those given the ones at a rock's site; where none is given its own."""
+    """Given seismograms at a rock's site; if none are given, the rock's own."""
     if given:
         return [one for one in given if one.is_at(site.site)]
     own = site.ensemble or site.seismograms
@@ -288,12 +288,12 @@ def check_sites(
 ) -> pd.DataFrame:
     """Shake every rock with the seismograms at its site.
 
-    given: of which each rock takes those at its site; none for rocks that have their own.
-    factors: by which each is scaled.
-    workers: processes; one a core unless given.
+    given: seismograms, of which each rock takes those at its site; empty for rocks with their own.
+    factors: scale factors.
+    workers: number of processes; one per core unless given.
     advance: called after each seismogram.
-    Returns DataFrame: a row a rock and seismogram: rock, site, longitude, latitude, scenario, fields of the verdict,
-    message. A rock that cannot be shaken, or has no seismogram, has one row that says so.
+    Returns DataFrame: one row per rock and seismogram: rock, site, longitude, latitude, scenario, the verdict's fields,
+    message. A rock that cannot be shaken, or has no seismogram, has one row with that message.
     Raises InputError if no rock has a seismogram.
     """
     chosen = _with_seismograms(sites, given)
@@ -317,7 +317,7 @@ def check_sites(
                 task = pool.submit(_judged, site, one, factors, preset)
                 flying[task] = {**head, "scenario": one.scenario}
         land(0)
-    fullest = max(rows, key=len)  # in which order rows come is chance, and so is which columns the first has
+    fullest = max(rows, key=len)  # rows arrive in any order, and failed ones have fewer columns
     frame = pd.DataFrame(rows, columns=[*fullest])
     return frame.sort_values(["rock", "scenario", "record_id"], kind="stable", ignore_index=True)
 
@@ -325,7 +325,7 @@ def check_sites(
 def _with_seismograms(
     sites: Sequence[Site], given: Sequence[Seismogram]
 ) -> list[tuple[Site, list[Seismogram]]]:
-    """Each rock with the seismograms at its site, of which some rock has one."""
+    """Each rock with the seismograms at its site; InputError if all are without."""
     chosen = [(site, seismograms_of(site, given)) for site in sites]
     if not any(found for _, found in chosen):
         stations = ", ".join(sorted({one.station or "(none)" for one in given})[:5]) or "none"
@@ -340,7 +340,7 @@ def _with_seismograms(
 
 
 def matrix_of(rows: pd.DataFrame) -> pd.DataFrame:
-    """Share that topples of each rock (rows) under each scenario (columns), null where none was shaken or answered."""
+    """Fraction toppled of each rock (rows) under each scenario (columns); null without an answer."""
     known = rows.dropna(subset=["scenario"])
     table = known.pivot_table(
         index="rock", columns="scenario", values="probability", aggfunc="mean", dropna=False
@@ -353,7 +353,7 @@ def _judged(site: Site, one: Seismogram, factors: Sequence[float], preset: str) 
     try:
         scene = _scene(site.scene, site.friction)
         verdict = dataclasses.asdict(judged(scene, one.record(_ensemble), factors, preset))
-    # A rock that does not stand, or a seismogram that cannot be read, holds up no other.
+    # A rock that does not stand, or an unreadable seismogram, must not stop the others.
     except InputError as error:
         return {"record_id": record_id, "outcome": "failed", "message": str(error)}
     return verdict | {"message": None}
@@ -367,5 +367,5 @@ def _scene(folder: Path, friction: float | None) -> Scene:
 
 @lru_cache(maxsize=2)
 def _ensemble(folder: Path) -> Ensemble:
-    """An ensemble, which a worker keeps; the user's process may see a folder written again, and must not."""
+    """Ensemble cached in a worker process; not in the user's, where a folder may be rewritten."""
     return Ensemble.load(folder)

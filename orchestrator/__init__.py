@@ -1,3 +1,3 @@
-"""Campaign to jobs, jobs to a cluster, rows to the store; and the command line."""
+"""Campaigns and their jobs, execution on a cluster, storage of rows, and the command line."""
 
 __all__ = ["campaign", "cli", "interrupt", "safe_path"]

@@ -1,4 +1,4 @@
-"""Which workers may take part in a run: those that load its assets with the versions of the client."""
+"""Checks that workers have the client's versions and can load a run's scenes and ensembles."""
 
 import errno
 import logging
@@ -25,23 +25,24 @@ log = logging.getLogger(__name__)
 
 LOST = "the connection to the scheduler is lost"
 BACK_WITHIN_S = 120.0
-"""A scheduler of somebody else that is gone has this long to be started again."""
+"""Time within which a lost external scheduler may be restarted, s."""
 
 CLOSED = "--no-dashboard --dashboard-address 127.0.0.1:0"
-"""Options of a worker that shows no pages: Dask's ask for no key."""
+"""Options of a Dask worker without dashboard, which has no authentication."""
 
 _UNREACHABLE = (errno.EHOSTUNREACH, errno.ENETUNREACH, errno.ENETDOWN, errno.EHOSTDOWN, errno.EADDRNOTAVAIL)
 _LOOK_S, _WAIT_S, _SAID_AFTER_S = 0.1, 1.0, 60.0
+"""Times, s: between looks for a first worker, between attempts at a check, and without workers before a warning."""
 
 
 class Absence:
-    """Tells once, each time that a cluster has had no worker for a minute."""
+    """Logs a warning when a cluster has had no worker for a minute."""
 
     def __init__(self, client: Client) -> None:
         self._client, self._since, self._said = client, time.monotonic(), False
 
     def look(self) -> None:
-        """See whether there are workers."""
+        """Check for workers."""
         if self._client.nthreads():
             self._since, self._said = time.monotonic(), False
         elif not self._said and time.monotonic() - self._since >= _SAID_AFTER_S:
@@ -54,7 +55,7 @@ class Absence:
 
 
 def may_be_lost(error: BaseException) -> bool:
-    """Whether an error can come of a connection: those of files and of limits of this machine are what they say."""
+    """Whether an error may be due to a lost connection, rather than to files or limits of this machine."""
     if not isinstance(error, OSError):
         return isinstance(error, CancelledError)
     of_network = isinstance(error, ConnectionError | TimeoutError | socket.gaierror | ssl.SSLError)
@@ -62,9 +63,9 @@ def may_be_lost(error: BaseException) -> bool:
 
 
 def make_ready(client: Client, *run_keys: RunKey) -> None:
-    """Have a cluster ready for the jobs of runs: :func:`check_workers`, and workers that leave in order.
+    """Prepare a cluster for the jobs of runs: :func:`check_workers`, and workers that shut down gracefully.
 
-    Of a scheduler of somebody else that is gone, the next at its address is waited for.
+    A lost external scheduler is awaited at its address.
 
     Raises InputError, RunError as `check_workers`; RunError also if the scheduler is lost.
     """
@@ -72,15 +73,15 @@ def make_ready(client: Client, *run_keys: RunKey) -> None:
     while client.status in ("running", "connecting"):
         try:
             if client.status == "running":
-                # First: it tells of a worker that cannot load what leaves in order.
+                # First, because it reports workers that cannot load the plugin for graceful shutdown.
                 check_workers(client, *run_keys)
                 return let_leave_in_order(client)
         except OSError as error:
             if not may_be_lost(error):
                 raise
-            # A worker that leaves while all are asked ends the call too: then the client runs on.
+            # A worker that leaves during the check also raises; the client then keeps running.
             log.debug("%s", error)
-        if client.cluster is not None and client.status != "running":  # ours is not started again
+        if client.cluster is not None and client.status != "running":  # our own scheduler is not restarted
             raise RunError(LOST)
         if end is None:
             end = time.monotonic() + BACK_WITHIN_S
@@ -92,11 +93,10 @@ def make_ready(client: Client, *run_keys: RunKey) -> None:
 
 
 def check_workers(client: Client, *run_keys: RunKey) -> None:
-    """Let every worker present load the assets of the first run key; those of all are sent to hosts that lack them.
+    """Let every worker load the assets of the first run key; hosts that lack assets of any key receive them.
 
-    Raises InputError if one cannot, because of another version or because it has no way to the run's scene and
-    ensemble.
-    Raises RunError if the workers of a local cluster die whenever they start.
+    Raises InputError if a worker has other versions, or no access to the run's scene and ensemble.
+    Raises RunError if the workers of a local cluster repeatedly die at their start.
     """
     _wait_for_a_worker(client)
     answers = client.run(check, run_keys[0], on_error="return")
@@ -109,8 +109,8 @@ def check_workers(client: Client, *run_keys: RunKey) -> None:
         problem = deliver(client, lacking.values(), run_keys)
         answers |= client.run(check, run_keys[0], on_error="return", workers=list(lacking))
         answers |= {worker: NotKeptError(problem) for worker in lacking if problem and worker in answers}
-    # Of a worker that just dies or just comes (OSError), its first task will tell. One that lacks the program cannot
-    # even read what it is asked, and Dask says so.
+    # A worker that is dying or joining (OSError) is checked by its first task. One without this program cannot
+    # deserialise the request, which Dask reports.
     unfit = [one for one in answers.values() if isinstance(one, Exception) and not isinstance(one, OSError)]
     if reasons := sorted(set(map(str, unfit))):
         raise InputError(
@@ -125,9 +125,9 @@ def check_workers(client: Client, *run_keys: RunKey) -> None:
 
 
 def deliver(client: Client, lacking: Iterable[NotDeliveredError], run_keys: Iterable[RunKey]) -> str:
-    """Send the scenes and ensembles of run keys to hosts that have none of them; returns why one cannot keep them.
+    """Send the scenes and ensembles of run keys to hosts that lack them; returns why a host cannot store them.
 
-    Raises RunError if they are not in the run's folder any more.
+    Raises RunError if they are missing in the run's folder.
     """
     places: dict[str, Path] = {}
     for one in run_keys:
@@ -137,7 +137,7 @@ def deliver(client: Client, lacking: Iterable[NotDeliveredError], run_keys: Iter
         raise RunError(f"{gone[0]} is gone: was the run's folder removed or renamed?")
 
     def call(worker: str, function: Callable[..., Any], *given: Any) -> None:
-        with suppress(OSError, ValueError, KeyError):  # it has gone: the next of its host will ask again
+        with suppress(OSError, ValueError, KeyError):  # the worker has left: another will ask
             client.run(function, *given, workers=[worker])
 
     try:
@@ -148,7 +148,7 @@ def deliver(client: Client, lacking: Iterable[NotDeliveredError], run_keys: Iter
 
 
 def _wait_for_a_worker(client: Client) -> None:
-    """Wait for the first: for ever where somebody else starts it, such as a batch system."""
+    """Wait for the first worker, without limit where an external system starts it."""
     absence, supervisor = Absence(client), ClusterSupervisor(client)
     while not client.nthreads():
         with suppress(TimeoutError):

@@ -17,26 +17,21 @@ from toppling.orchestrator.pilot import Statics, statics_of
 from toppling.orchestrator.status import Share
 
 _LARGEST_FRICTION = 1.5
-"""Of rock on rock; above it a coefficient is more likely an angle."""
-
+"""Friction coefficient of rock on rock above which a value is more likely an angle in degrees."""
 _G_AT_MOST = 1.5
-"""Levels that are all below this are more likely in g than in m/s2."""
-
+"""Level below which all levels are more likely in g than in m/s²."""
 _G_M_S2 = 9.81
-
+"""Standard gravity, m/s²."""
 REALISATIONS = 25
-"""For a rock whose base is a distribution: the nominal base and enough others to give a spread."""
-
+"""Recommended number of realisations of a rock with drawn bases: the nominal base and enough others for a spread."""
 _MOST_NAMED = 5
-
+"""Maximum number of records named in a sentence."""
 _ROUNDED = 0.01
-"""Of an eighth of a turn: so far are radians printed with two decimals from it."""
-
+"""Tolerance for recognising multiples of pi/4 printed with two decimals, in eighths of a turn."""
 HARDLY_SHARE, MOSTLY_SHARE = 0.05, 0.5
-"""Shares toppled at the lowest and the highest level between which levels cover nearly the whole rise."""
-
+"""Maximum fraction toppled at the lowest, and minimum at the highest level, for levels to cover the transition."""
 _LEAST_WITHIN = 3
-"""Levels between hardly any and nearly all toppled that resolve the rise."""
+"""Minimum number of levels within the transition that resolves it."""
 
 
 def warnings_of(campaign: Campaign, scene: Scene) -> list[str]:
@@ -78,8 +73,8 @@ def warnings_of(campaign: Campaign, scene: Scene) -> list[str]:
 
 
 def scaling_warnings(campaign: Campaign, ensemble: Ensemble) -> list[str]:
-    """Records that the highest level scales so far that hardly an earthquake is left in them: a sentence, or none."""
-    highest = max(campaign.pga_m_s2, default=0.0)  # no levels: records are shaken as they are
+    """Warning of records that the highest level scales by more than `LARGEST_FACTOR`; empty if there are none."""
+    highest = max(campaign.pga_m_s2, default=0.0)  # no levels: unscaled records
     used = set(campaign.records or ensemble.record_ids)
     pga_m_s2 = dict(zip(ensemble.record_ids, ensemble.catalog["pga_m_s2"].to_pylist(), strict=True))
     far = sorted(
@@ -100,7 +95,7 @@ def scaling_warnings(campaign: Campaign, ensemble: Ensemble) -> list[str]:
 
 
 def shaking_warnings(campaign: Campaign, ensemble: Ensemble) -> list[str]:
-    """Levels at which records shake beyond what was ever recorded: a sentence with the worst, or none."""
+    """Warning of levels at which records exceed all recorded ground motions; empty if there are none."""
     catalog = ensemble.catalog.select(["record_id", "pga_m_s2", "pgv_m_s", "pgd_m"]).to_pandas()
     used = catalog[catalog["record_id"].isin(campaign.records or ensemble.record_ids)]
     own = used["pga_m_s2"].to_numpy(float)[:, None]
@@ -136,11 +131,11 @@ def _width_sentence(scene: Scene) -> str:
 
 
 def _of_statics(campaign: Campaign, statics: Statics, scene: Scene) -> list[str]:
-    """Levels and frictions against the static toppling acceleration."""
+    """Warnings of levels and frictions that do not fit the static toppling acceleration."""
     found, least = [], statics.least_m_s2
-    highest = max(campaign.pga_m_s2, default=math.inf)  # none where records are shaken as they are
+    highest = max(campaign.pga_m_s2, default=math.inf)  # no levels: unscaled records
     if highest < min(least, _G_AT_MOST):
-        return [  # the same slip in other words would follow
+        return [  # the next warning would have the same cause
             f"all levels are below {_G_AT_MOST:g} m/s2: are they in g? "
             f"{highest:g} g is {highest * _G_M_S2:.3g} m/s2"
         ]
@@ -157,13 +152,13 @@ def _of_statics(campaign: Campaign, statics: Statics, scene: Scene) -> list[str]
 
 
 def least_static(statics: Statics) -> str:
-    """The least static toppling acceleration in words."""
+    """Describe the least static toppling acceleration with its azimuth."""
     azimuth = statics.azimuth_deg
     return f"{statics.least_m_s2:.3g} m/s2, ground toward azimuth {azimuth:.0f}°, compass {compass_deg(azimuth):.0f}°"
 
 
 def suggestions(shares: Sequence[Share]) -> list[str]:
-    """What the shares of a run suggest for the next one.
+    """Suggestions for the next campaign from the fractions toppled at each level of a run.
 
     shares: one per level.
 

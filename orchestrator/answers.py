@@ -1,8 +1,8 @@
-"""Whether a worker's rows answer the jobs that were asked.
+"""Validation of rows that workers return.
 
-A worker is another process, perhaps on another host: it may exchange the jobs of a batch, or say `ok` and nothing else,
-and such a row would count as an answer for ever. What the client knows of a job beforehand is compared with it; what
-happened is known to the worker alone, and lies within the column's limits.
+A worker is another process, perhaps on another host: it may confuse the jobs of a batch, or return rows with status
+`ok` but without results, which would be stored permanently. What the client knows of a job in advance is compared with
+its row; the outcome, which only the worker knows, is checked against the columns' limits.
 """
 
 from collections.abc import Iterator
@@ -44,23 +44,23 @@ _ANSWER = (
     "max_tilt_deg", "residual_tilt_deg", "residual_yaw_deg", "slip_m", "penetration_m", "ended_by", "steps",
     "simulated_s", "time_step_s",
 )  # fmt: skip
-"""Columns that every shake fills."""
+"""Columns that every completed shake fills."""
 
 _SAME = 1e-9
-"""Relative difference up to which numbers that two machines work out are the same."""
+"""Relative tolerance between numbers computed on two machines."""
 
 
 class Asked:
-    """What the client knows of the rows of a plan's jobs before they come; the run's folder holds the records."""
+    """Values of a plan's rows that the client knows in advance; the run's folder contains the records."""
 
     def __init__(self, plan: Plan, folder: Path) -> None:
         self._plan, self.folder = plan, folder
 
     def checked(self, jobs: Rows, answer: Any) -> tuple[pa.Table, dict[int, str]]:
-        """Rows that answer their jobs, and what is wrong with the others by their places in the batch.
+        """Valid rows, and the problems of the others by their position in the batch.
 
         jobs: rows of the plan, of one scene, as they were sent.
-        answer: meant to be a table under `SCHEMA` with rows of the first jobs, of one at least.
+        answer: expected to be a table with `SCHEMA` of one or more of the first jobs.
         """
         if not isinstance(answer, pa.Table) or not answer.schema.equals(SCHEMA):
             return SCHEMA.empty_table(), {0: f"a {type(answer).__name__} that is no table of results"}
@@ -75,7 +75,7 @@ class Asked:
         return (answer.filter(right) if wrong else answer), wrong
 
     def _problems(self, jobs: Rows, answer: pa.Table) -> Iterator[tuple[str, Flags]]:
-        """Columns, and for each of some rows whether what it holds is no answer."""
+        """Yield columns with a mask of the rows whose value is invalid."""
         yield from _beyond_limits(answer)
         failed = np.array(answer["status"].to_pylist(), object) == "failed"
         for name, value in self.asked(jobs).items():
@@ -88,13 +88,13 @@ class Asked:
             else:
                 unlike = ~np.isclose(found, value, rtol=_SAME, atol=0.0)
                 yield name, unlike & ~np.isnan(value) & ~(failed & np.isnan(found))
-        # Of a motion whose displacement is held: that takes some of its PGA.
+        # A limit on displacement (high-pass) reduces the PGA of a motion.
         pga, level = _values(answer, "pga_m_s2"), self._plan.columns["pga_m_s2"][jobs]
         yield "pga_m_s2", ~((pga > 0.0) & (pga <= level * (1.0 + _SAME))) & ~(failed & np.isnan(pga))
         yield from _contradictions(answer)
 
     def asked(self, jobs: Rows) -> dict[str, NDArray[Any]]:
-        """Columns of rows that repeat what was asked."""
+        """Columns of rows that repeat the job's parameters."""
         plan, batch = self._plan, self._plan.batch(jobs)
         scene, count = self._scene(jobs), len(jobs)
         same = {"scene_id": scene.scene_id, "preset": plan.campaign.preset, "engine": plan.campaign.engine}
@@ -103,7 +103,7 @@ class Asked:
         return ids | {name: _objects([value] * count) for name, value in same.items()} | axes
 
     def known(self, jobs: Rows) -> dict[str, NDArray[Any]]:
-        """Columns of rows that the client can work out, beside those that repeat what was asked; NaN: not known."""
+        """Further columns of rows that the client can compute; NaN where unknown."""
         plan, scene = self._plan, self._scene(jobs)
         columns = {name: plan.columns[name][jobs] for name in ("record_id", *AXES)}
         records = _records_of(self.folder / scene.ensemble_place, plan.records)
@@ -140,7 +140,7 @@ class Asked:
 
 @lru_cache(maxsize=4)
 def _records_of(folder: Path, records: tuple[str, ...]) -> dict[str, NDArray[Any]]:
-    """Columns of an ensemble's catalogue for some records, in their order; what one lacks is NaN."""
+    """Columns of an ensemble's catalogue for given records, in order; missing values are NaN."""
     table = read_table(folder / CATALOG)
     places = pc.index_in(pa.array(records), value_set=table["record_id"].combine_chunks())
     rows = table.take(places)
@@ -155,14 +155,14 @@ def _records_of(folder: Path, records: tuple[str, ...]) -> dict[str, NDArray[Any
 def _drawn(
     scene_id: str, unmeasured: Unmeasured, static: float, kinetic: float, restitution: float, realisation: int
 ) -> tuple[float, float]:
-    """Factor on friction and turn of the motion (degrees) that a realisation draws."""
+    """Factor on friction and rotation of the motion (degrees) that a realisation draws."""
     contact = ContactProperties(static, kinetic, restitution)
     friction = drawn_contact(scene_id, contact, unmeasured, realisation).friction_static
     return friction / static if static > 0.0 else 1.0, unmeasured.turn_deg(realisation)
 
 
 def _beyond_limits(answer: pa.Table) -> Iterator[tuple[str, Flags]]:
-    """Columns with values of no answer, each with the rows that hold one."""
+    """Yield columns with a mask of the rows whose value is outside the column's limits."""
     for name in BY_THE_CLIENT:
         yield name, ~_nulls(answer, name)
     numbers = np.array([_values(answer, name) for name in _NUMBERS], float)
@@ -179,7 +179,7 @@ def _beyond_limits(answer: pa.Table) -> Iterator[tuple[str, Flags]]:
 
 
 def _contradictions(answer: pa.Table) -> Iterator[tuple[str, Flags]]:
-    """Columns that contradict others, or say less than every shake does, each with the rows in which they do."""
+    """Yield columns with a mask of the rows in which they contradict others or lack a required value."""
     status, outcome, toppled = (_values(answer, name) for name in ("status", "outcome", "toppled"))
     yield "status", ~np.isin(status.astype(str), _STATUSES)
     ok = status == "ok"
@@ -202,7 +202,7 @@ def _values(table: pa.Table, name: str) -> NDArray[Any]:
 
 
 def _values_of(column: pa.ChunkedArray) -> NDArray[Any]:
-    """Numbers with NaN for null; of texts and truths objects with None for null."""
+    """Numbers with NaN for null; strings and booleans as objects with None for null."""
     number = pa.types.is_floating(column.type) or pa.types.is_integer(column.type)
     return column.to_numpy() if number else _objects(column.to_pylist())
 

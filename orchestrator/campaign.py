@@ -1,4 +1,4 @@
-"""A campaign: what is shaken by what, how strongly and from where. Read from TOML, checked before use."""
+"""Campaigns: rocks, records, levels, azimuths and contacts of an ensemble of jobs, read from TOML and validated."""
 
 import dataclasses
 import hashlib
@@ -24,13 +24,14 @@ from toppling.workers.options import PRESETS
 from toppling.workers.unmeasured import Unmeasured
 
 _AS_RECORDED = "recorded"
-"""In place of levels: every record as strong as it is. In place of azimuths: every record as it was oriented."""
+"""Value of the levels for unscaled records, and of the azimuths for records in their original orientation."""
 
 LARGEST_PGA_M_S2 = 100.0
-"""Ten times gravity, twice the strongest ground acceleration recorded: more is a slip of units."""
+"""Maximum level, m/s²: twice the strongest recorded ground acceleration; more indicates wrong units."""
 _MOST_REALISATIONS = 1_000_000
+"""Maximum number of realisations."""
 MOST_JOBS = 10_000_000
-"""Beyond, the table of jobs leaves no memory for anything else: 2 GB, and 23 days at five jobs a second."""
+"""Maximum number of jobs: their table takes 2 GB, and they take 23 days at five jobs a second."""
 _OTHER_LEVELS = {
     "pga_g": "give pga_m_s2 in m/s2: 0.3 g is 2.94",
     **dict.fromkeys(("gravity", "gravity_m_s2"), "gravity is the scene's: give it where the scene is made"),
@@ -39,12 +40,13 @@ _OTHER_LEVELS = {
         "records are scaled to levels of PGA, pga_m_s2; 'toppling fragility RUN --fit' has curves over others",
     ),
 }
-"""What to do instead of levels of other measures or units."""
+"""Remedies for keys of levels in other measures or units."""
 _LARGEST_DISPLACEMENT_M = 1000.0
+"""Maximum of `peak_displacement_m`, m."""
 _HIGHEST_BAND_HZ = 1000.0
-
-
+"""Maximum of `band_hz`, Hz."""
 _FINEST, _COARSEST = 0.005, 0.5
+"""Range of `precision`, a half width relative to the target."""
 _SHARES = ("median", "p05", "p95")
 _TARGET_KEYS = (
     Key("of", word(_SHARES), f"{', '.join(map(repr, _SHARES))}", "share that topples", None, "the median"),
@@ -58,25 +60,22 @@ _TARGET_KEYS = (
 
 @dataclass(frozen=True)
 class TargetSpec:
-    """A number that a run is to state."""
+    """Specification of the quantity that a run is to estimate."""
 
-    of: str = _SHARES[0]  # median, p05, p95: the intensity at which so many topple
-    measure: str | None = None  # column of the results; None for whichever predicts best
-    at: float | None = None  # intensity at which the probability is asked for instead
-    hazard: Path | None = None  # file of the hazard curve under which the failure rate is asked for instead
+    of: str = _SHARES[0]  # median, p05, p95: intensity with that toppling probability
+    measure: str | None = None  # column of the results; None for the best predictor
+    at: float | None = None  # intensity whose toppling probability is the target instead
+    hazard: Path | None = None  # file of the hazard curve whose failure rate is the target instead
 
     def content(self, hazard: str | None = None) -> dict[str, Any]:
-        """The table of a campaign's file, with the hazard's path as given."""
+        """Table for a campaign's file, with the hazard's path as given."""
         of = self.of if self.at is None and self.hazard is None else None
         table: dict[str, Any] = {"of": of, "measure": self.measure, "at": self.at}
         return {**table, "hazard": hazard or (str(self.hazard) if self.hazard else None)}
 
 
 def _precision(value: Any, place: Place) -> float:
-    """Half of the interval of 95 % that is asked for.
-
-    Raises InputError if it is no share.
-    """
+    """Read the requested half width of the 95 % interval; InputError if out of range."""
     if not is_number(value) or not _FINEST <= value <= _COARSEST:
         percent = is_number(value) and _FINEST <= value / 100.0 <= _COARSEST
         raise place.wrong(
@@ -88,10 +87,7 @@ def _precision(value: Any, place: Place) -> float:
 
 
 def _target(value: Any, place: Place) -> TargetSpec:
-    """What is asked for, by a word or a table.
-
-    Raises InputError if it is neither, or contradicts itself.
-    """
+    """Read a target, a word or a table; InputError if it is neither, or inconsistent."""
     table = {"of": value} if isinstance(value, str) else value
     if not isinstance(table, dict) or not table:
         raise place.wrong("campaign.value_unusable", shown(value))
@@ -160,7 +156,7 @@ def _files(given: Any, place: Place) -> tuple[Path, ...]:
 
 
 def _azimuths(given: Any, place: Place) -> tuple[float, ...]:
-    """Azimuths, some of which may be bearings in words."""
+    """Read azimuths, some of which may be bearings such as "N40E"."""
     try:
         if isinstance(given, list):
             given = [azimuth_of(one) if isinstance(one, str) else one for one in given]
@@ -240,12 +236,12 @@ KEYS = (
 
 @dataclass(frozen=True)
 class Campaign:
-    """The axes of an ensemble of jobs; a job is one point of their product.
+    """Axes of an ensemble of jobs; a job is one point of their product.
 
     Its fields are the keys of a campaign file, whose meanings, ranges and defaults :data:`KEYS` declares: folders as
-    `Path`, lists as tuples, friction as pairs of a static and a kinetic coefficient. No levels or azimuths stand for
-    records as they are; None for what was left out. Of many rocks `sites` names each, `scene` is the folder around all,
-    and `ensemble` that of those without records of their own.
+    `Path`, lists as tuples, friction as pairs of a static and a kinetic coefficient. Empty levels or azimuths stand for
+    unscaled or unrotated records; None for keys left out. For many rocks `sites` lists them, `scene` is their common
+    parent folder, and `ensemble` that of rocks without their own records.
     """
 
     scene: Path
@@ -269,14 +265,14 @@ class Campaign:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """What the specifications of all jobs have in common."""
+        """Fields that the specifications of all jobs have in common."""
         names = ("preset", "engine", "peak_displacement_m", "unmeasured")
         return {name: getattr(self, name) for name in names}
 
     def with_precision(self, precision: float) -> "Campaign":
-        """The same campaign, to end once its target is known so well.
+        """Campaign that ends when its target has a given precision.
 
-        Raises InputError if the precision is no share, or there are no levels.
+        Raises InputError if the precision is out of range, or there are no levels.
         """
         place = Place("--precision", expected="0.005 to 0.5")
         if self.sites:
@@ -324,18 +320,18 @@ class Campaign:
         return read
 
     def of_site(self, site: Site) -> "Campaign":
-        """The campaign of one rock alone."""
+        """Campaign of a single rock of an atlas."""
         ensemble = ensemble_folder(site, self.sites) or self.ensemble
         friction = self.friction if site.friction is None else ((site.friction, site.friction),)
         return dataclasses.replace(self, scene=site.scene, ensemble=ensemble, friction=friction, sites=())
 
     def check_jobs(self, records: int) -> None:
-        """Refuse more jobs, with so many records, than a table can hold, before any is made."""
+        """Refuse too many jobs for a given number of records, before the table is made."""
         axes = {
             "records": records, "levels": max(len(self.pga_m_s2), 1), "azimuths": max(len(self.azimuth_deg), 1),
             "frictions": len(self.friction), "restitutions": len(self.restitution),
         }  # fmt: skip
-        # No record has fewer jobs of a contact than there are realisations.
+        # Each record has at least as many jobs of a contact as there are realisations.
         jobs = math.prod(axes.values()) * math.ceil(self.realisations / (axes["levels"] * axes["azimuths"]))
         if jobs > MOST_JOBS:
             product = " x ".join(f"{count} {name}" for name, count in axes.items())
@@ -345,7 +341,7 @@ class Campaign:
             )
 
     def to_toml(self, stood: Iterable[str] = (), hazard: str | None = None) -> str:
-        """Write the campaign as TOML, every value written out, as it lies in a run's folder."""
+        """Campaign as TOML with all values explicit, as stored in a run's folder."""
         values = {key.name: getattr(self, key.name) for key in KEYS if key.name not in ("scenes", "sites")}
         content = {name: one for name, one in values.items() if one not in (None, ())}
         rocks = {"sites": SITES_FILE} if self.sites else {"scene": "scene"}
@@ -363,7 +359,7 @@ class Campaign:
 
 
 def hash_of(texts: Iterable[str]) -> str:
-    """Short hash of a sequence of texts, which depends on their order."""
+    """Short hash of a sequence of texts; depends on their order."""
     digest = hashlib.sha256()
     for text in texts:
         digest.update(text.encode())
@@ -372,7 +368,7 @@ def hash_of(texts: Iterable[str]) -> str:
 
 
 def _of_many(content: Mapping[str, Any], folder: Path, where: str) -> dict[str, Any]:
-    """Values of a campaign of many rocks."""
+    """Read the values of a campaign of many rocks."""
     if alone := [name for name in ("scene", "precision", "target", "stood") if name in content]:
         what = f"{alone[0]} in a campaign of many rocks"
         raise Place(f"{where}: {alone[0]}").wrong(
@@ -396,7 +392,7 @@ def _of_many(content: Mapping[str, Any], folder: Path, where: str) -> dict[str, 
 
 
 def _check_together(read: Campaign, engine: str, precision: str, target: str) -> None:
-    """Refuse values that do not go together, by the places of the keys."""
+    """Refuse inconsistent values; the other arguments are the places of their keys for messages."""
     drawn = read.unmeasured and read.unmeasured.restitution
     if not ENGINES[read.engine].models(read.friction, [*read.restitution, *(drawn or ())[1:]]):
         expected = "restitution [0] and one coefficient an entry of friction"
@@ -415,7 +411,7 @@ def _check_together(read: Campaign, engine: str, precision: str, target: str) ->
 
 
 def _toml(value: Any) -> str:
-    """A value in TOML: JSON's strings, numbers, truths and arrays are TOML's too, its tables are not."""
+    """Format a value as TOML: strings, numbers, booleans and arrays as in JSON, tables in TOML's syntax."""
     if isinstance(value, dict):
         pairs = (f"{key} = {_toml(each)}" for key, each in value.items() if each is not None)
         return f"{{ {', '.join(pairs)} }}"

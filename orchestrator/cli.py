@@ -1,4 +1,4 @@
-"""The command line. A room is imported only when its verb is called, so that `toppling query` needs no Open3D."""
+"""Command line. Modules are imported only when their command is called, so that `toppling query` needs no Open3D."""
 
 import errno
 import importlib
@@ -22,7 +22,7 @@ _GROUPS = {
     "Run": ("run", "watch", "status", "audit", "demo"),
     "Read": ("query", "fragility", "atlas", "constrain", "magnitudes", "check", "replay", "report"),
 }
-"""Verbs as the help lists them: each is the command of its name in the module of its name in orchestrator/verbs."""
+"""Commands in the order of the help, by group: each has the name of its module in orchestrator/verbs."""
 
 VERBS = tuple(verb for verbs in _GROUPS.values() for verb in verbs)
 
@@ -31,32 +31,32 @@ _ADDRESS = re.compile("([a-z][a-z0-9+.-]+)://", re.IGNORECASE)
 _UNMAPPED = re.compile(
     "failed to map segment|cannot allocate memory|[Cc]ould not .*load shared object", re.IGNORECASE
 )
-"""How the loader, and numba's, say that a library does not fit into memory."""
+"""Messages of the loader, and of numba's, for a library that does not fit into memory."""
 _TOO_LITTLE = "too little memory is left: give it more, end other programs, or lift the limit (ulimit -v)"
 _OF_OTHERS = ("http", "https", "tcp", "tls", "ucx", "ws", "wss")
-"""Kinds of addresses that are no folders: pages, and schedulers of Dask."""
+"""Schemes of addresses that are not folders: web pages, and Dask schedulers."""
 
 
 class _LazyGroup(Verbs):
     """A group whose commands are imported when they are called, not when they are listed."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002  (click's signature)
-        """Verbs as the help lists them."""
+        """Names of the commands in the order of the help."""
         return list(VERBS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
-        """Import the verb's module."""
+        """Import the command's module."""
         if cmd_name not in VERBS:
             return None
         return getattr(importlib.import_module(f"toppling.orchestrator.verbs.{cmd_name}"), cmd_name)
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Call the verb; click would say a line more of a Ctrl-C. The functions of the door know nothing of click."""
+        """Call the command; errors and Ctrl-C are handled by this program instead of by click."""
         try:
             return super().invoke(ctx)
         except UsageError as error:
             raise click.UsageError(str(error)) from None
-        except click.exceptions.Exit:  # a RuntimeError too, and the end of every --help
+        except click.exceptions.Exit:  # also a RuntimeError; raised at the end of --help
             raise
         except RuntimeError as error:
             from toppling.orchestrator.context import RunError
@@ -68,14 +68,14 @@ class _LazyGroup(Verbs):
             raise click.Abort from None
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
-        """List the verbs, each with its line."""
+        """List the commands with the first lines of their help."""
         for title, verbs in _GROUPS.items():
             with formatter.section(title):
                 formatter.write_dl([(verb, first_line(verb)) for verb in verbs], col_max=12)
 
 
 def first_line(verb: str) -> str:
-    """Of a verb's help, without importing what the verb needs."""
+    """First line of a command's help, read without importing its module."""
     text = (Path(__file__).parent / "verbs" / f"{verb}.py").read_text(encoding="utf-8")
     _, _, called = text.partition(f"\ndef {verb}(")
     found = re.search(r'"""(.*?)(?:"""|\n)', called)
@@ -98,12 +98,12 @@ def cli() -> None:
 
 
 def main() -> None:
-    """Be the command `toppling`, for a program that has begun otherwise."""
+    """Entry point of the command `toppling` for other programs."""
     as_program(call)
 
 
 def call() -> None:
-    """Call the verb that the command line names; exit 0 done, 1 failed, 2 wrong usage, 3 finished with failed jobs."""
+    """Run the command line; exit code 0 done, 1 failed, 2 wrong usage, 3 finished with failed jobs."""
     with plain_streams():
         _call()
 
@@ -121,7 +121,7 @@ def _call() -> None:
         sys.exit(error.exit_code)
     except (InputError, FileExistsError, FileNotFoundError) as error:
         told = str(error)
-    except ValueError as error:  # as Dask is imported
+    except ValueError as error:  # raised when Dask is imported
         if not str(error).startswith("A dask config file"):
             raise
         told = f"{error}\n  remedy: correct the file, or move it away"
@@ -140,7 +140,7 @@ def _call() -> None:
 
 
 def _told(error: OSError) -> str:
-    """What a disk, a right or a limit does not allow, and what can be done."""
+    """Message for an error of a disk, of permissions or of a limit, with a remedy."""
     note = "; ".join(["", *getattr(error, "__notes__", [])])
     if error.errno in (errno.ENOSPC, errno.EDQUOT):
         written = error.filename2 or error.filename  # a copy names its source first
@@ -153,24 +153,24 @@ def _told(error: OSError) -> str:
 
 
 def _left(path: Any) -> str:
-    """What the disk of a path has room for: a disk may be full of files (inodes) while most of its bytes are free."""
+    """Free bytes and inodes of a path's disk: either may be exhausted."""
     disk = os.statvfs(next(one for one in Path(path).absolute().parents if one.exists()))
     files = f"{disk.f_favail:,} of {disk.f_files:,} files (inodes)"
     return f", with {disk.f_bavail * disk.f_frsize / 1e6:.0f} MB and {files} free"
 
 
 def _asked_for(path: Any) -> Path:
-    """Place that was asked for, of one where it is hidden until it is whole."""
+    """Requested path of a file that is written under a temporary, hidden name."""
     return Path(re.sub(r"(?<=/)\.([^/]+)\.\d+\.tmp(?=/|$)", r"\1", os.fspath(path)))
 
 
 def _at_hand(word: str) -> str:
-    """Word of the command line; an address in an object store is replaced by the folder that is its copy here."""
+    """Word of the command line, in which an address of an object store is replaced by its local copy."""
     option, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)
     if is_store(value):
         location = at_hand(value)
         click.echo(f"{value}: a copy is in {location}", err=True)
         return f"{option}{equals}{location}"
     if (kind := _ADDRESS.match(value)) and kind[1].lower() not in _OF_OTHERS:
-        return f"{option}{equals}{local(value)}"  # whatever it is for: a verb may make folders before it writes a file
+        return f"{option}{equals}{local(value)}"  # also for output: a command may create folders before files
     return word

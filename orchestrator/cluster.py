@@ -1,4 +1,4 @@
-"""Where the jobs run: workers on this machine, a scheduler that exists, or a batch system."""
+"""Clusters for jobs: local workers, an existing scheduler, a Dask Gateway, or a batch system."""
 
 import contextlib
 import importlib
@@ -28,24 +28,26 @@ from toppling.workers.compile_once import compile_apart
 
 log = logging.getLogger(__name__)
 
-_MOST_PER_CORE, _MOST_ALWAYS = 4, 16  # local workers: a core is busy with one
+_MOST_PER_CORE, _MOST_ALWAYS = 4, 16
+"""Maximum number of local workers per core, and number that is always allowed; one worker occupies a core."""
 _CONNECT_TIMEOUT_S = 30
+"""Timeout for connecting to a scheduler, s."""
 _SILENT = {f"distributed.{role}.http.routes": ["distributed.http.health"] for role in ("scheduler", "worker")}
-"""Dask's pages ask for no key: they would show the session's work to every account of the host."""
+"""Settings that disable Dask's dashboards, which have no authentication and are open to every account of the host."""
 
 _ENCRYPTED = ("tls", "wss")
-"""Kinds of addresses at which only holders of a key are let in."""
+"""Schemes of addresses that require a key."""
 
 _SETTINGS = Path(__file__).with_name("dask.yaml")
 
 
 def load_defaults() -> None:
-    """Put the project's Dask settings below the user's files and DASK_* variables."""
+    """Load the project's Dask settings with lower priority than the user's files and DASK_* variables."""
     for settings in dask.config.collect_yaml([str(_SETTINGS)]):
-        # As if for the first time: what is a default already, Dask takes for the user's own after a refresh.
+        # Remove our defaults first: after a refresh Dask would treat existing defaults as the user's.
         dask.config.defaults[:] = [known for known in dask.config.defaults if known != settings]
         dask.config.update_defaults(settings)
-    # Every fault that these report is reported by the run. Some loggers below them have a level of their own.
+    # The run reports all faults that these loggers would. Some child loggers set their own level.
     silent = ("distributed", "tornado", "bokeh", "asyncio")
     for name in (*silent, *logging.root.manager.loggerDict):
         if name.partition(".")[0] in silent:
@@ -53,15 +55,15 @@ def load_defaults() -> None:
 
 
 def local(workers: int, most: int | None = None) -> contextlib.AbstractContextManager[Client]:
-    """Start worker processes with one thread each, which only holders of this session's key can reach.
+    """Start worker processes with one thread each, protected by a key of this session.
 
-    workers: to begin with.
-    most: as many as there may be where there is work for them; None for no more.
-    Raises UsageError if they would be so many that they only crowd each other out.
+    workers: initial number.
+    most: maximum number while there is work for them; None for the initial number.
+    Raises UsageError if there would be too many for this machine.
     """
     cores, most = os.cpu_count() or 1, max(workers, most or 0)
     bound = max(_MOST_PER_CORE * cores, _MOST_ALWAYS)
-    if most > bound:  # at once, before anything is written
+    if most > bound:  # before anything is written
         raise UsageError(
             "cluster.too_many_workers",
             f"{most} local workers, and this machine has {cores} cores",
@@ -89,7 +91,7 @@ def _local_client(workers: int, most: int) -> Iterator[Client]:
 @contextlib.contextmanager
 def _local_session(most: int) -> Iterator[Client]:
     with (
-        # After this time Dask would drop a worker whose successor happens to be starting.
+        # After this timeout Dask would drop a worker whose replacement is still starting.
         dask.config.set({"distributed.deploy.lost-worker-timeout": "1000 days", **_SILENT}),
         tempfile.TemporaryDirectory(prefix="toppling-session-", ignore_cleanup_errors=True) as scratch,
     ):
@@ -101,14 +103,14 @@ def _local_session(most: int) -> Iterator[Client]:
 
 @contextlib.contextmanager
 def reported(cluster: contextlib.AbstractContextManager[Client], report: Path | None) -> Iterator[Client]:
-    """Use a cluster, and write Dask's performance report of that time to a file if one is named."""
+    """Use a cluster, and write Dask's performance report of that time to a file, if given."""
     report_too = performance_report(str(report)) if report else contextlib.nullcontext()
     with cluster as client, client.as_current(), report_too:
         yield client
 
 
 class _ClosedIfNotStarted(Client):
-    """A client that Dask leaves open after some errors would keep the program from its end, for a minute."""
+    """Client that is closed after a failed start; Dask leaves some open, which delays the exit by a minute."""
 
     def start(self, **kwargs: Any) -> None:
         try:
@@ -120,12 +122,12 @@ class _ClosedIfNotStarted(Client):
 
 @contextlib.contextmanager
 def existing(address: str | None, scheduler_file: Path | None, tls: Security | None) -> Iterator[Client]:
-    """Connect to a scheduler that somebody else has started.
+    """Connect to an existing scheduler.
 
     address: such as `tcp://host:8786`; without it and a file, the configuration's `scheduler-address`.
-    scheduler_file: written by `dask scheduler --scheduler-file`.
+    scheduler_file: file written by `dask scheduler --scheduler-file`.
     tls: certificates; None for the configuration's.
-    Raises InputError if nothing answers there, or it refuses the connection.
+    Raises InputError if the scheduler does not answer, or refuses the connection.
     """
     load_defaults()
     where = address or (str(scheduler_file) if scheduler_file else dask.config.get("scheduler-address", ""))
@@ -136,11 +138,11 @@ def existing(address: str | None, scheduler_file: Path | None, tls: Security | N
         options["scheduler_file"] = str(scheduler_file)
     try:
         _ClosedIfNotStarted(address, timeout=_CONNECT_TIMEOUT_S, set_as_default=False, **options).close()
-        # The same timeout holds for a scheduler that is started again.
+        # The timeout also applies to a restarted scheduler.
         client = _ClosedIfNotStarted(address, timeout=BACK_WITHIN_S, set_as_default=False, **options)
     except (OSError, ValueError, TypeError, RuntimeError) as error:
         what = str(error).splitlines()[0]
-        if "ssl_context" in what:  # an argument deep inside Dask
+        if "ssl_context" in what:  # an internal error of Dask
             what = "the address asks for TLS, and no certificates are given"
         raise _unreachable(where, what) from None
     with Uninterrupted(client):
@@ -150,9 +152,9 @@ def existing(address: str | None, scheduler_file: Path | None, tls: Security | N
 
 @contextlib.contextmanager
 def gateway(name: str) -> Iterator[Client]:
-    """Connect to a cluster of the Dask Gateway that Dask's configuration names.
+    """Connect to a cluster of the Dask Gateway in Dask's configuration.
 
-    name: of the cluster; empty for the only one that is running.
+    name: name of the cluster; empty for the only one that is running.
     Raises InputError if dask-gateway is not installed, or there is no such cluster.
     """
     try:
@@ -184,19 +186,19 @@ def gateway(name: str) -> Iterator[Client]:
 def queue(
     kind: str, jobs: int, secrets: Path, most: int | None = None, asked: Mapping[str, Any] | None = None
 ) -> Iterator[Client]:
-    """Have a batch system start workers, as ~/.config/dask/jobqueue.yaml says.
+    """Start workers by a batch system, configured in ~/.config/dask/jobqueue.yaml.
 
-    kind: of the batch system, such as slurm.
-    jobs, most: batch jobs to submit to begin with, and that there may be where there is work for them.
-    secrets: folder that all hosts see, for the session's key.
-    asked: walltime, queue, account, memory: what is given comes before the configuration.
+    kind: batch system, such as slurm.
+    jobs, most: initial number of batch jobs, and maximum while there is work for them.
+    secrets: folder visible to all hosts, for the session's key.
+    asked: walltime, queue, account, memory, which override the configuration.
     """
     with Uninterrupted(_queue_session(kind, secrets, asked or {})) as (cluster, client):
         let_resize(cluster, jobs, most or jobs)
         try:
             client.sync(_submitted, cluster)
         except (RuntimeError, OSError) as error:
-            for job in cluster.workers.values():  # else Dask could not close the cluster
+            for job in cluster.workers.values():  # otherwise Dask could not close the cluster
                 job.status = Status.failed
             raise InputError(
                 "cluster.job_not_submitted",
@@ -210,7 +212,7 @@ def queue(
 
 async def _submitted(cluster: Any) -> None:
     await cluster
-    for job in cluster.workers.values():  # one that was refused is tried once more, and says why
+    for job in cluster.workers.values():  # a refused job is tried once more, and raises the reason
         await job
 
 
@@ -225,7 +227,7 @@ def _queue_session(kind: str, secrets: Path, asked: Mapping[str, Any]) -> Iterat
 
 
 def job_script(kind: str, asked: Mapping[str, Any] | None = None) -> str:
-    """Tell what would be submitted to a batch system; the key's files are named as if in a folder of this moment."""
+    """Script that would be submitted to a batch system, with placeholder paths of the key's files."""
     with (
         tempfile.TemporaryDirectory(prefix="toppling-") as folder,
         _queue_cluster(kind, folder, asked or {}) as cluster,
@@ -234,10 +236,7 @@ def job_script(kind: str, asked: Mapping[str, Any] | None = None) -> str:
 
 
 def tls_security(ca: Path, certificate: Path, key: Path) -> Security:
-    """Certificates of a cluster across hosts; without them nobody is let in, in either direction.
-
-    Raises InputError if a file is absent.
-    """
+    """Certificates for mutual authentication in a cluster across hosts; InputError if a file is absent."""
     for path in (ca, certificate, key):
         if not path.is_file():
             raise InputError(
@@ -265,7 +264,7 @@ def _queue_cluster(kind: str, secrets: str, asked: Mapping[str, Any]) -> Any:
             expected="the extra hpc",
             remedy="pip install 'toppling[hpc]'",
         ) from None
-    # A process a core: the engine is one per process, and its threads would wait for each other.
+    # One process per core: the engine is single-threaded per process.
     cores = configured.get("cores") or 1
     names = {"account": "project"} if kind in ("sge", "lsf", "oar") else {}
     given = {names.get(name, name): value for name, value in asked.items() if value is not None}
@@ -273,7 +272,7 @@ def _queue_cluster(kind: str, secrets: str, asked: Mapping[str, Any]) -> Any:
     exports = [f"export {name}={shlex.quote(value)}" for name, value in chosen.items() if value]
     prologue = [line for name in ("env-extra", "job-script-prologue") for line in configured.get(name) or []]
     try:
-        with kept_from_children():  # what submits and takes back batch jobs
+        with kept_from_children():  # shields the commands that submit and cancel batch jobs
             named = {name.lower(): name for name in vars(jobqueue)}
             return getattr(jobqueue, named[f"{kind}cluster"])(
                 cores=cores,
@@ -302,7 +301,7 @@ def _remedy(error: Exception) -> str:
 
 
 def _warn_of_open_door(address: str) -> None:
-    """Warn of a scheduler that lets in whoever reaches it, beyond this machine."""
+    """Warn of a scheduler without authentication that is reachable from other machines."""
     scheme, _, location = address.partition("://")
     host = location.rpartition(":")[0].strip("[]")
     if scheme in _ENCRYPTED or host == "localhost" or host.startswith("127.") or host == "::1":

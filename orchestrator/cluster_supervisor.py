@@ -1,4 +1,4 @@
-"""A cluster that this program started: between how many workers it is kept, and what replaces those that are gone."""
+"""Supervision of a cluster started by this program: adaptive size, and replacement of lost workers."""
 
 import contextlib
 import logging
@@ -18,37 +18,35 @@ from toppling.orchestrator.local_workers import LocalWorkers
 log = logging.getLogger(__name__)
 
 _WORTH_A_WORKER_S, _WORTH_A_BATCH_JOB_S = 15.0, 300.0
-"""Work that another process is started for: a few times what it takes to start, or to come out of a queue."""
-
+"""Remaining work that justifies another local process or batch job, s: a few times its start or waiting time."""
 _ADAPT_PAUSE_S, _IDLE_LOOKS = "3s", 10
-"""A worker that could be spared in so many looks is let go: after a few times what it takes to start another."""
-
+"""Interval between adaptations of the size, and number of them in which a worker must be idle before it is stopped."""
 _LISTED = {"slurm": ("squeue", "--me", "--noheader", "--format=%A")}
-"""What lists the numbers of a user's batch jobs that have not ended."""
-
+"""Commands that list the ids of a user's unfinished batch jobs."""
 _LIST_PAUSE_S, _LIST_TIMEOUT_S = 30.0, 20.0
+"""Interval between such lists, and timeout of one, s."""
 _SUBMITTED_IN_VAIN = 3
-"""Times in a row that batch jobs end, all of them, before a worker of one has come."""
-
+"""Number of consecutive submissions whose batch jobs all end without a worker, after which the run stops."""
 _RESUBMIT_PAUSE_S, _RESUBMIT_TIMEOUT_S = 10.0, 30.0
+"""Interval between resubmissions, and timeout of one, s."""
 
 
 class ByWorkLeft(Adaptive):
-    """Workers as there is work left for them; of that work few tasks wait on the scheduler at a time."""
+    """Adapts the number of workers to the remaining work, most of which is not yet submitted to the scheduler."""
 
     worth_s, work_left_s, at_hand = _WORTH_A_WORKER_S, 0.0, 0
 
     async def target(self) -> int:
-        """Processes that are worth their start, and as many as are busy."""
+        """Number of processes justified by the remaining work, at least as many as are busy."""
         return max(math.ceil(self.work_left_s / self.worth_s), self.at_hand)
 
 
 _ADAPTIVE: WeakKeyDictionary[SpecCluster, ByWorkLeft] = WeakKeyDictionary()
-"""Of clusters that grow and shrink."""
+"""Adaptive controllers of clusters with a variable size."""
 
 
 def let_resize(cluster: Any, least: int, most: int) -> None:
-    """Have a cluster of so many local workers, or batch jobs; between so many as there is work for them."""
+    """Set the number of local workers or batch jobs: `least`, and up to `most` while there is work for them."""
     of_queue = not isinstance(cluster, LocalWorkers)
     cluster.scale(**{"jobs" if of_queue else "n": least})
     if most > least:
@@ -59,20 +57,20 @@ def let_resize(cluster: Any, least: int, most: int) -> None:
 
 
 class ClusterSupervisor:
-    """Keeps a cluster that this program started at its size; of one that is somebody else's it knows nothing."""
+    """Maintains the size of a cluster that this program started; does nothing for an external one."""
 
     def __init__(self, client: Client) -> None:
         self._client, self._cluster = client, client.cluster
-        self._came: set[str] = set()  # batch jobs of which a worker has been there
-        self._ended: set[str] = set()  # of which none has been there, and that their queue does not list
+        self._came: set[str] = set()  # batch jobs whose workers have joined
+        self._ended: set[str] = set()  # batch jobs that left the queue without a worker
         self._listed = -math.inf
         self._in_vain = 0
         self._all_there = time.monotonic()
 
     def look(self, work_left_s: float, at_hand: int) -> None:
-        """See to the size, by the work that is left of one process and the batches in flight, and to what has ended.
+        """Adapt the size to the remaining work (of one process) and the batches in flight; resubmit batch jobs.
 
-        Raises RunError if local workers die whenever they start, or batch jobs end before a worker comes.
+        Raises RunError if local workers repeatedly die at their start, or batch jobs end before a worker joins.
         """
         if isinstance(self._cluster, LocalWorkers) and (why := self._cluster.fatal):
             raise RunError(f"worker processes die as they start: {why}")
@@ -84,7 +82,7 @@ class ClusterSupervisor:
             self.resubmit()
 
     def replace(self, workers: Sequence[str]) -> None:
-        """Have others take the place of workers that hang; it is not waited for, as that takes seconds."""
+        """Restart workers that hang, without waiting for it."""
         if isinstance(self._cluster, LocalWorkers):
             there = self._client.scheduler_info(n_workers=-1)["workers"]
             for worker in set(workers) & there.keys():
@@ -92,11 +90,11 @@ class ClusterSupervisor:
             return
         loop = self._client.loop
         assert loop is not None  # as long as the client is open
-        # Called on the client's own loop it does not wait.
+        # On the client's loop the call does not block.
         loop.add_callback(self._client.restart_workers, list(workers), raise_for_error=False)
 
     def gone(self) -> list[str]:
-        """Batch jobs that have ended with all their workers."""
+        """Batch jobs that have ended, with all their workers."""
         cluster: Any = self._cluster
         if not isinstance(cluster, SpecCluster) or not hasattr(cluster, "job_cls"):
             return []
@@ -113,7 +111,7 @@ class ClusterSupervisor:
         return [name for name in cluster.worker_spec if name in (self._came | self._ended) - present]
 
     def _see_which_ended(self) -> None:
-        """Ask the batch system for jobs that were cancelled, or failed, before a worker of theirs came."""
+        """Query the batch system for jobs that were cancelled or failed before a worker joined."""
         cluster: Any = self._cluster
         command = _LISTED.get(getattr(cluster.job_cls, "config_name", ""))
         waiting = {name: job.job_id for name, job in cluster.workers.items() if name not in self._came}
@@ -128,7 +126,7 @@ class ClusterSupervisor:
             self._ended = {name for name, number in waiting.items() if number and number not in there}
 
     def resubmit(self) -> None:
-        """Submit batch jobs in place of those that have ended, which Dask does not; RunError if they do so in vain."""
+        """Replace batch jobs that have ended, which Dask does not; RunError after repeated failures."""
         cluster: Any = self._cluster
         gone = self.gone()
         wanted = len(cluster.worker_spec)
@@ -139,11 +137,11 @@ class ClusterSupervisor:
                 f"batch jobs ended {self._in_vain} times before a worker came of them; their output says why "
                 "(log-directory in jobqueue.yaml, else the folder of this command)"
             )
-        self._came.difference_update(gone)  # their names return
+        self._came.difference_update(gone)  # their names are reused
         self._ended.clear()
-        # Dask has already dropped some: those only have to be asked for again.
+        # Dask has already dropped some, which need only be requested again.
         if dropped := [name for name in gone if name in cluster.workers]:
             log.warning("%d batch jobs have ended: as many are submitted again", len(dropped))
-            with contextlib.suppress(TimeoutError):  # the next look finds what is left to do
+            with contextlib.suppress(TimeoutError):  # repeated at the next look
                 self._client.sync(cluster.scale_down, dropped, callback_timeout=_RESUBMIT_TIMEOUT_S)
         cluster.scale(jobs=wanted)

@@ -1,4 +1,4 @@
-"""Tells versions of the code that decides answers apart: releases do, but not what was changed by hand."""
+"""Hash of the code that determines results, which also detects local changes between releases."""
 
 import ast
 import gc
@@ -19,7 +19,7 @@ from toppling.models.files.digest import read_json, write_json
 _MODELS, _WORKERS = Path(toppling.models.__path__[0]), Path(toppling.workers.__path__[0])
 
 SOURCES = {path: path.read_bytes() for room in (_MODELS, _WORKERS) for path in room.rglob("*.py")}
-"""As this process finds them when it begins: a file that is edited later is not what it has loaded."""
+"""Sources at the start of this process: files edited later differ from the loaded code."""
 
 _OWN_SOURCE = Path(__file__).read_bytes()
 
@@ -28,12 +28,12 @@ _ONE_PARSES = threading.Lock()
 
 @cache
 def code() -> str:
-    """Hash of the code of all that decides an answer.
+    """Hash of all code that determines results.
 
-    Comments and docstrings decide nothing, and their change must not strand the runs that go on.
+    Comments and docstrings are ignored, so that editing them does not prevent resuming a run.
 
-    Reading syntax takes a second and more, which every worker would begin with: it is done once for these very bytes,
-    and kept with the code compiled from them.
+    Parsing takes more than a second, at the start of every worker: its result is cached with the compiled code of the
+    same sources.
     """
     kept = FOLDER / f"identity-{_bytes_read()}.json" if FOLDER else None
     if kept is not None:
@@ -49,7 +49,7 @@ def code() -> str:
 
 
 def _bytes_read() -> str:
-    """Hash of all sources as they are, of this module and of the Python that reads their syntax."""
+    """Hash of the bytes of all sources, of this module, and of the Python version that parses them."""
     digest = hashlib.blake2b(sys.version.encode() + _OWN_SOURCE, digest_size=8)
     for path, source in sorted(SOURCES.items()):
         digest.update(hashlib.blake2b(bytes(path.relative_to(_MODELS.parent)) + b"\0" + source).digest())
@@ -57,9 +57,9 @@ def _bytes_read() -> str:
 
 
 def deciding() -> dict[Path, str]:
-    """Syntax of what a shake is made of: all of `workers`, and what they, scenes and ensembles import of `models`.
+    """Syntax of the modules that determine a shake: `workers`, and what they, scenes and ensembles import of `models`.
 
-    How a scan becomes a scene decides the scene, not its shakes.
+    The conversion of scans to scenes is excluded: it determines the scene, which has its own hash.
     """
     left = [path for path in SOURCES if path.is_relative_to(_WORKERS)]
     left += [_MODELS / "scene.py", _MODELS / "motions/ensemble.py"]
@@ -79,9 +79,9 @@ def deciding() -> dict[Path, str]:
 
 
 def parsed(source: bytes) -> ast.Module:
-    """Let no other thread run meanwhile: until Python 3.11.8, two that parse at once spoil each other's count of depth.
+    """Parse without thread switches: until Python 3.11.8, concurrent parsers corrupt each other's recursion depth.
 
-    They change places only in what Dask lets the collection of garbage call.
+    Threads can switch here only in callbacks of Dask's garbage collection.
     """
     with _ONE_PARSES:
         collects = gc.isenabled()
@@ -94,7 +94,7 @@ def parsed(source: bytes) -> ast.Module:
 
 
 def without_words(tree: ast.Module, nodes: Iterable[ast.AST]) -> str:
-    """The syntax without comments, layout and strings that stand alone, as docstrings do."""
+    """Syntax without comments, layout and stand-alone strings such as docstrings."""
     for node in nodes:
         body = getattr(node, "body", None)
         if isinstance(body, list):

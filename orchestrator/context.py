@@ -1,4 +1,4 @@
-"""What the parts of a run share while it is at work: its plan, who shakes, who watches, how far it has come."""
+"""Common state of a running session: plan, cluster, progress, and the protocols of job selections and stages."""
 
 import time
 from collections import Counter
@@ -18,17 +18,17 @@ from toppling.orchestrator.task import RunKey
 
 
 class RunError(RuntimeError):
-    """The run cannot go on; what is stored stays, and the same command resumes."""
+    """The run cannot continue; stored rows are kept, and the same command resumes it."""
 
 
 @dataclass
 class RunProgress:
-    """How far a run has come."""
+    """Progress of a run."""
 
     total: int  # jobs of the plan
-    before: int  # jobs that had a row when this session began, those to be done again aside
-    again: int = 0  # jobs to be done again whose new row is not stored yet
-    what: str = "shaking"  # what is being done
+    before: int  # jobs with a row when this session began, except those to repeat
+    again: int = 0  # jobs to repeat whose new row is not stored yet
+    what: str = "shaking"  # current activity
     done: int = 0
     stored: int = 0
     toppled: int = 0
@@ -41,22 +41,22 @@ class RunProgress:
 
     @property
     def elapsed_s(self) -> float:
-        """Time since the session's first job went out, until its last came back."""
+        """Time from the submission of the session's first job to the return of its last, s."""
         return (time.monotonic() if self.ended is None else self.ended) - self.began
 
     @property
     def rate(self) -> float:
-        """Jobs a second in this session."""
+        """Jobs per second in this session."""
         return self.done / self.elapsed_s
 
     @property
     def left_s(self) -> float | None:
-        """Time left at the rate so far: jobs go out in balanced blocks, so that those left cost as those done."""
+        """Time left at the current rate, s; balanced blocks make the remaining jobs as costly as those done."""
         return self._left / self.rate if self.done else None
 
     @property
     def work_left_s(self) -> float:
-        """Work of one process that is left, at the mean of the jobs so far; 0 before the first."""
+        """Remaining work of a single process at the mean cost so far, s; 0 before the first job."""
         return self._left * self.work_s / self.done if self.done else 0.0
 
     @property
@@ -65,16 +65,16 @@ class RunProgress:
 
     @property
     def failed(self) -> int:
-        """Jobs of this session that have no answer."""
+        """Number of jobs of this session without an answer."""
         return self.done - self.status["ok"]
 
     def summary(self) -> dict[str, Any]:
-        """State in words that a program reads."""
+        """State for JSON."""
         names = ("done", "stored", "total", "again", "toppled", "failed", "workers", "deaths")
         return {**{name: getattr(self, name) for name in names}, "elapsed_s": round(self.elapsed_s, 1)}
 
     def count(self, rows: pa.Table) -> None:
-        """Add rows, a table under `results.schema.SCHEMA`."""
+        """Count rows, a table with `results.schema.SCHEMA`."""
         self.done += len(rows)
         self.status.update(rows["status"].to_pylist())
         self.toppled += pc.sum(rows["toppled"]).as_py() or 0
@@ -82,27 +82,27 @@ class RunProgress:
 
 
 ProgressCallback = Callable[[RunProgress], None]
-"""Takes note of a run's state: called often, it must return at once."""
+"""Receives a run's state; called often, so it must return immediately."""
 
 
 @dataclass(frozen=True)
 class Work:
-    """A run at work: what its jobs and stages share."""
+    """Context of a running session for its jobs and stages."""
 
     planned: Plan
-    folder: Path  # the run's
-    versions: tuple[tuple[str, str], ...]  # that workers must have, as of `task.versions`
+    folder: Path  # the run's folder
+    versions: tuple[tuple[str, str], ...]  # required of workers, from `task.versions`
     client: Client
     watch: ProgressCallback
-    progress: RunProgress  # of the jobs of the plan; counted on
+    progress: RunProgress  # progress of the plan's jobs, updated in place
     limits: Limits = USUAL_LIMITS
-    # Jobs that have a row already and are done again, each with the number of its newest attempt.
+    # Jobs to repeat although they have a row, with the number of their newest attempt.
     redo: Mapping[str, int] = field(default_factory=dict)
-    store: Path | None = None  # where rows go; the run's folder unless given
+    store: Path | None = None  # folder for rows; the run's folder unless given
 
     @cached_property
     def run_keys(self) -> list[RunKey]:
-        """What a worker must find before it does jobs of each scene."""
+        """Run key of each scene, which a worker checks before it does jobs."""
         return [
             RunKey(
                 str(self.folder), one.scene_id, one.ensemble_id, self.versions, one.scene_place, one.ensemble_place
@@ -113,39 +113,39 @@ class Work:
 
 @dataclass(frozen=True)
 class Answer:
-    """What came back of a batch."""
+    """Result of a batch."""
 
     key: str
-    # "rows"; of a worker that died or was told to leave "died", "left"; of one that lacks what it needs or cannot work
-    # "undelivered", "unfit"; "cancelled"; "error" of any other.
+    # "rows"; "died" or "left" if the worker died or was asked to leave; "undelivered" or "unfit" if it lacks assets
+    # or cannot work; "cancelled"; "error" for any other exception.
     kind: str
-    value: Any = None  # the rows, or the error
-    worker: str = ""  # its address, where it matters
+    value: Any = None  # the rows, or the exception
+    worker: str = ""  # address of the worker, where needed
 
 
 class JobSelection(Protocol):
-    """The jobs that a run is to have rows of: a plan is the selection of all of its own."""
+    """Selection of the jobs that a run does; a plan selects all of its jobs."""
 
     @property
     def what(self) -> str:
-        """Is being done, for a person who watches."""
+        """Description of the current activity for progress displays."""
 
     def pending(self, finished: set[str]) -> Rows:
-        """Rows of the plan to shake next, in the order to start them; none once all that is wanted is finished."""
+        """Rows of the plan to shake next, in the order to start them; empty when the selection is complete."""
 
     def __len__(self) -> int:
-        """Number of jobs in all, as far as known."""
+        """Total number of jobs, as far as known."""
 
 
 class Stage(Protocol):
-    """What is done before or after the jobs of a run, on the same workers."""
+    """Further work on the same workers, before or after the jobs of a run."""
 
     @property
     def before(self) -> bool:
-        """Whether it comes before them."""
+        """Whether it precedes the jobs."""
 
     def due(self, planned: Plan, folder: Path) -> int:
-        """Whether (or how much) there is to do now; asked again once the jobs are done."""
+        """Amount of work to do now, 0 for none; evaluated again after the jobs."""
 
     def carry_out(self, work: Work) -> None:
-        """Do it, or go on with it."""
+        """Do or resume the work."""

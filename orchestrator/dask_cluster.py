@@ -1,4 +1,4 @@
-"""A Dask client as the place where batches of jobs are done: handed out, answered, given back."""
+"""Execution of batches of jobs by a Dask client: submission, results, delivery of assets, cancellation."""
 
 import asyncio
 import queue
@@ -19,7 +19,7 @@ from toppling.orchestrator.task import RunKey, UnfitWorkerError
 
 
 class DaskCluster(ClusterSupervisor):
-    """The workers of a client's scheduler, whoever started them."""
+    """Workers of a client's scheduler, started by this program or externally."""
 
     def __init__(self, client: Client) -> None:
         super().__init__(client)
@@ -28,8 +28,8 @@ class DaskCluster(ClusterSupervisor):
         self._answers: queue.SimpleQueue[Answer] = queue.SimpleQueue()
 
     def submit(self, task: Callable[..., Any], calls: Mapping[str, Sequence[Any]]) -> None:
-        """Hand out calls of a task, each with its arguments, by keys that have never been used before."""
-        # In one graph, or Dask would not take them for one group, which a key's first word names.
+        """Submit calls of a task with their arguments, by keys that were never used before."""
+        # In one graph, so that Dask treats them as one group, named by a key's first word.
         futures = self._client.map(
             task, *zip(*calls.values(), strict=True), key=[("shake", key) for key in calls], pure=False
         )
@@ -49,7 +49,7 @@ class DaskCluster(ClusterSupervisor):
         self._answers.put(answer)
 
     def answers(self, timeout_s: float) -> list[Answer]:
-        """What has come back, the first of which is waited for; OSError or CancelledError: the scheduler is lost."""
+        """Available results, after waiting for the first; OSError or CancelledError if the scheduler is lost."""
         found: list[Answer] = []
         with suppress(queue.Empty):
             found.append(self._answers.get(timeout=timeout_s))
@@ -60,7 +60,7 @@ class DaskCluster(ClusterSupervisor):
         return [known for one in found if (known := self._known(one))]
 
     def _known(self, answer: Answer) -> Answer | None:
-        """An answer with its kind; None of a batch that has been forgotten."""
+        """Classify the result of a batch; None for a batch that was forgotten."""
         future = self._futures.pop(answer.key, None)
         if future is None:
             return None
@@ -68,7 +68,7 @@ class DaskCluster(ClusterSupervisor):
         error = answer.value
         if answer.kind == "cancelled":
             if self._client.cluster is None:
-                raise CancelledError  # as Dask does with all when the scheduler is gone
+                raise CancelledError  # Dask cancels all futures when the scheduler is lost
             return answer
         if answer.kind == "error" and isinstance(error, KilledWorker):
             address = error.last_worker.address
@@ -80,32 +80,32 @@ class DaskCluster(ClusterSupervisor):
         return answer
 
     def threads(self) -> int:
-        """Of all workers; that there have been none for long is told."""
+        """Number of threads of all workers; warns if there have been none for long."""
         self._absence.look()
         return sum(self._client.nthreads().values())
 
     def processing(self) -> set[tuple[str, str]]:
-        """Workers and the keys that each has at hand."""
+        """Pairs of a worker and a key that it is processing."""
         at_hand = self._client.processing().items()
         return {(worker, str(key[-1])) for worker, keys in at_hand for key in keys if isinstance(key, tuple)}
 
     def dismiss(self, worker: str) -> None:
-        """Send a worker away."""
+        """Remove a worker from the cluster."""
         self._client.retire_workers([worker], close_workers=True)
 
     def deliver(self, lacking: NotDeliveredError, run_keys: Sequence[RunKey]) -> str:
-        """Send a host what the jobs of runs need; returns why it cannot keep it."""
+        """Send a host the assets of runs; returns why it cannot store them."""
         return admission.deliver(self._client, [lacking], run_keys)
 
     def rejoin(self, run_keys: Sequence[RunKey], error: BaseException) -> None:
-        """Wait until there is a scheduler again, what was handed out being gone; RunError if there is none."""
-        if self._client.cluster is not None:  # a scheduler in this process is not started again
+        """Wait for a restarted scheduler, after all submitted work was lost; RunError if there is none."""
+        if self._client.cluster is not None:  # a scheduler in this process is not restarted
             raise RunError(admission.LOST) from error
         self._futures.clear()
         admission.make_ready(self._client, *run_keys)
 
     def cancel(self) -> None:
-        """Give up what is handed out."""
+        """Cancel all submitted work."""
         with held_back():
             if self._futures and self._client.status == "running":
                 with suppress(OSError):

@@ -1,7 +1,7 @@
-"""Scenes and ensembles reach workers that do not see the run's folder: by content, once a host.
+"""Delivery of scenes and ensembles to hosts without access to the run's folder, addressed by content.
 
-The client sends the files to one worker of each host that lacks them, which keeps them for the others there. What is
-kept is verified by its id whenever it is loaded.
+The client sends the files to one worker of each host, which caches them for the host's other workers. Cached files are
+verified by their id whenever they are loaded.
 """
 
 import os
@@ -17,18 +17,18 @@ from typing import Any
 from toppling.models.files.folder import cache_folder
 
 _PIECE_BYTES = 2**23
-"""What is sent at once: large beside a round trip, small beside a worker's memory."""
+"""Size of the pieces in which files are sent, bytes: large enough to hide latency, small against a worker's memory."""
 
 _ID = re.compile(r"[0-9a-f]{8,64}")
 _KEPT_S = 7 * 86400.0
-"""A host keeps what it was sent for as long after its last use."""
+"""Time after the last use at which a host deletes delivered content, s."""
 
 
 class NotDeliveredError(RuntimeError):
-    """A scene or ensemble that a host has not: the client is to send it.
+    """A host lacks a scene or ensemble, which the client must send.
 
-    host: names where the host keeps what it is sent, alike for its workers.
-    worker: the worker's address.
+    host: host and path of its cache, equal for all its workers.
+    worker: address of the worker.
     """
 
     def __init__(self, host: str, worker: str | None) -> None:
@@ -37,13 +37,13 @@ class NotDeliveredError(RuntimeError):
 
 
 class NotKeptError(RuntimeError):
-    """A host that cannot keep what it is sent."""
+    """A host cannot store delivered files."""
 
 
 def send(call: Callable[..., Any], lacking: Iterable[NotDeliveredError], folders: Mapping[str, Path]) -> None:
-    """Send folders of few files, by the ids of their contents, to one worker of each host that lacks them.
+    """Send folders, named by the ids of their contents, to one worker of each host that lacks them.
 
-    call: calls a function with arguments on the worker of an address, and raises what it raises there.
+    call: calls a function with arguments on the worker at an address, and raises its exceptions.
     """
     for worker in {one.host: one.worker for one in lacking}.values():
         for name, folder in folders.items():
@@ -56,9 +56,9 @@ def send(call: Callable[..., Any], lacking: Iterable[NotDeliveredError], folders
 
 
 def delivered(name: str, worker: str | None = None) -> Path:
-    """Folder in which this host keeps what it was sent, by the id of its content, for the worker of an address.
+    """Folder of delivered content on this host, by its id.
 
-    Raises NotDeliveredError if it is not there, and NotKeptError if no place here can be written.
+    Raises NotDeliveredError, with the worker's address, if it is absent, and NotKeptError if the cache is not writable.
     """
     if not _ID.fullmatch(name):
         raise NotKeptError(f"{name!r} is no id of a content")
@@ -76,7 +76,7 @@ def delivered(name: str, worker: str | None = None) -> Path:
 
 
 def forget(folder: Path) -> None:
-    """Remove what this host keeps, as it is damaged."""
+    """Remove damaged content from this host's cache."""
     shutil.rmtree(folder, ignore_errors=True)
 
 
@@ -89,7 +89,7 @@ def _not_kept(why: object) -> NotKeptError:
 
 
 def _receive(upload: str, file: str, piece: bytes) -> None:
-    """Add to a file of an upload, on the worker's host."""
+    """Append to a file of an upload, on the worker's host."""
     try:
         folder = _place() / Path(upload).name
         folder.mkdir(exist_ok=True)
@@ -100,11 +100,11 @@ def _receive(upload: str, file: str, piece: bytes) -> None:
 
 
 def _complete(upload: str, name: str) -> None:
-    """Give an upload its name, and forget what nobody has used for long."""
+    """Rename a complete upload, and remove content that was not used for long."""
     staging = _place() / Path(upload).name
     try:
         staging.rename(_place() / name)
-    except OSError:  # another client was first
+    except OSError:  # another client delivered it first
         forget(staging)
     before = time.time() - _KEPT_S
     for other in _place().iterdir():

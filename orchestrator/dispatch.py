@@ -1,8 +1,7 @@
-"""Which jobs go out next, and what follows from what came back. Decides; no input, no output, no Dask.
+"""Scheduling decisions: which jobs to submit next, and how to treat failures. No input, no output, no Dask.
 
-Jobs travel in batches, so that the engine's own work outweighs the cluster's. A batch
-whose worker died says only that one of its jobs may be to blame: each is then tried alone, and a job whose workers died
-again and again while it ran alone is given up.
+Jobs are submitted in batches, so that computing outweighs the cluster's overhead. If a worker dies, any job of its
+batch may be the cause: each is then tried alone, and given up if its workers die repeatedly while it runs alone.
 """
 
 import math
@@ -15,28 +14,27 @@ from numpy.typing import NDArray
 from toppling.models.arrays import Array
 
 FIRST_JOBS = 64
-"""In a batch as long as nothing is known of their pace."""
+"""Number of jobs in a batch before their cost is known."""
 
 _BATCHES_LEFT_PER_WORKER = 4
-"""Batches shrink near the end, so that every worker gets this many of the last ones and none idles."""
+"""Number of batches per worker that the remaining jobs are divided into near the end, so that no worker idles."""
 
 _LAST_PER_WORKER = 30
-_LAST_SHARE = 0.2
-"""So many of the last jobs a worker, at most such a share of all, go out the longest records first.
+_LAST_FRACTION = 0.2
+"""Number of jobs per worker, and maximum fraction of all jobs, at the end that are sorted by falling duration.
 
-A long one that began last would keep the others waiting: job times differ by a factor of thirty.
+A long job that starts last would delay the end: costs of jobs differ by a factor of thirty.
 """
 
 
 @dataclass(frozen=True)
 class Limits:
-    """When a job is given up."""
+    """Limits beyond which a job is given up."""
 
-    # Wall time that no job needs: a worker that takes longer is taken to hang, and is replaced.
+    # Wall time of a job after which its worker is considered to hang, and is replaced.
     job_s: float = 300.0
-    # Deaths of a worker under one job that runs alone. Bad luck, such as a node taken away, hardly strikes
-    # one job so often; one that crashes the engine always does. More cost time where workers are often taken
-    # away.
+    # Number of workers that may die under a job that runs alone: a job that crashes the engine always kills its
+    # worker, whereas unrelated losses, such as of a node, rarely hit the same job repeatedly.
     tries: int = 3
 
 
@@ -44,7 +42,7 @@ USUAL_LIMITS = Limits()
 
 
 def why_given_up(limits: Limits, hung: int) -> tuple[str, str]:
-    """Status and message of a job whose worker hung in so many of its lone tries, and died in the others."""
+    """Status and message of a job whose worker hung in `hung` of its lone tries, and died in the others."""
     slow, tries = f"took more than {limits.job_s:g} s", limits.tries
     if hung == tries:
         return "timeout", f"{slow} in each of {tries} lone tries"
@@ -55,20 +53,20 @@ def why_given_up(limits: Limits, hung: int) -> tuple[str, str]:
 
 @dataclass(frozen=True)
 class Batch:
-    """Jobs that go to a worker together."""
+    """Jobs that are sent to a worker together."""
 
     jobs: tuple[int, ...]  # rows of the plan
-    attempt: int = 1  # 1, or more for a job that is tried alone after its worker died
-    alone: bool = False  # whether it is a suspect's lone try
+    attempt: int = 1  # above 1 for a job that is tried alone after its worker died
+    alone: bool = False  # whether it is the lone try of a suspect job
 
 
 class Dispatch:
-    """The jobs that are still to be handed out.
+    """Queue of the jobs that are still to be submitted.
 
     pending: (n,), rows of the plan, in the order to start them.
-    duration_s: (m,), of the record of every row of the plan.
-    tries: deaths of a worker under one lone job before the job is given up.
-    scene: (m,), number of the scene of every row of the plan, where there are several: a batch is of one of them.
+    duration_s: (m,), duration of the record of every row of the plan.
+    tries: number of deaths of workers under a lone job before it is given up.
+    scene: (m,), index of the scene of every row of the plan, where there are several: a batch has a single scene.
     """
 
     def __init__(
@@ -84,20 +82,20 @@ class Dispatch:
         self._suspects: deque[int] = deque()
         self._attempts: dict[int, int] = {}
         self._deaths: Counter[int] = Counter()
-        self.hung: Counter[int] = Counter()  # of a job's deaths those of a worker that hung
+        self.hung: Counter[int] = Counter()  # deaths of each job's workers that were due to hanging
         self._waiting = len(pending)
         self._duration_s = duration_s
-        self._last = int(_LAST_SHARE * len(pending))  # of them as yet in the order given
+        self._last = int(_LAST_FRACTION * len(pending))  # of them as yet in the order given
 
     def __len__(self) -> int:
-        """Jobs that are not handed out now."""
+        """Number of jobs that are not submitted."""
         return self._waiting + len(self._suspects)
 
     def next_batch(self, workers: int, room: int = FIRST_JOBS) -> Batch | None:
-        """Hand out the next batch, or None if nothing waits.
+        """Next batch, or None if no job is waiting.
 
-        workers: of the cluster.
-        room: jobs that the time budget of a batch leaves room for, as far as known.
+        workers: number of workers of the cluster.
+        room: estimated number of jobs within the time budget of a batch.
         """
         if self._suspects:
             job = self._suspects.popleft()
@@ -119,7 +117,7 @@ class Dispatch:
         return Batch(tuple(map(int, taken)))
 
     def came_back(self, batch: Batch, done: int) -> None:
-        """Take back the jobs of a batch beyond the first `done`, which its time budget left no room for."""
+        """Requeue the jobs of a batch beyond the first `done`, which did not fit its time budget."""
         rest = np.array(batch.jobs[done:], np.int64)
         if not len(rest):
             return
@@ -130,7 +128,7 @@ class Dispatch:
             self._waiting += len(rest)
 
     def died(self, batch: Batch, *, hung: bool = False) -> int | None:
-        """Take note that a batch cost its worker; returns the job that is thereby given up, if any."""
+        """Record that a batch's worker died; returns the job that is thereby given up, if any."""
         for job in batch.jobs:
             self._attempts[job] = batch.attempt + 1
         if batch.alone:

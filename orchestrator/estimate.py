@@ -1,4 +1,4 @@
-"""How long a plan will take: a few of its jobs are done beforehand, in a process of their own, and timed."""
+"""Estimate of a plan's duration, from a few of its jobs that are timed in a separate process."""
 
 import contextlib
 import math
@@ -20,37 +20,31 @@ from toppling.orchestrator.rocks_of_run import settlings_of
 from toppling.workers.job import Assets, JobSpec, run_job
 
 _TIMED_JOBS = 48
-"""At most; of a campaign like the study's, whose jobs cost from a thousandth of a second to seconds, their mean is
-known to some 20 %."""
-
+"""Maximum number of timed jobs: it gives the mean cost to some 20 % where jobs take from 1 ms to seconds."""
 _TIMED_S = 20.0
-"""Time for them, beyond which no other one is begun."""
-
+"""Time after which no further job is timed, s."""
 _LEAST_TIMED = 6
-"""Of a plan of fewer jobs all."""
-
+"""Minimum number of timed jobs, if the plan has as many."""
 _TIMED_SHARE = 8
-"""Of a smaller plan one in so many jobs is timed: an estimate must not cost as much as the run."""
-
+"""Number of jobs of a small plan per timed one, so that the estimate costs less than the run."""
 _ROCKS_TIMED = 3
-"""Of an atlas."""
-
+"""Number of rocks of an atlas whose jobs are timed."""
 _BRIEF_S = 60.0
-"""Of less than this no seconds are told: workers take some to start."""
+"""Duration below which no number is given, s: the start of workers takes part of it."""
 
 
 @dataclass(frozen=True)
 class TimeEstimate:
-    """What a plan is expected to take."""
+    """Expected cost of a plan."""
 
-    work_s: float  # of one worker that does all of it
-    timed: int  # jobs that it is known from
+    work_s: float  # time of a single worker
+    timed: int  # number of timed jobs
 
 
 def spread(count: int, wanted: int) -> NDArray[np.int64]:
-    """Numbers below a count, each once, of which every beginning is spread evenly: multiples of the golden ratio.
+    """Distinct numbers below `count` of which every prefix is evenly spread (multiples of the golden ratio).
 
-    In step with no period that the numbers may have, as halves of halves would be.
+    Unlike repeated bisection, the sequence does not resonate with periods of the numbered items.
     """
     golden = (math.sqrt(5.0) - 1.0) / 2.0
     places = np.floor((np.arange(2 * wanted) * golden % 1.0) * count).astype(int)
@@ -58,20 +52,20 @@ def spread(count: int, wanted: int) -> NDArray[np.int64]:
 
 
 def timed_jobs(pending: int) -> int:
-    """Jobs to time of so many that are pending."""
+    """Number of jobs to time, by the number of pending jobs."""
     return min(_TIMED_JOBS, max(_LEAST_TIMED, pending // _TIMED_SHARE), pending)
 
 
 def sampled_rows(planned: Plan) -> NDArray[np.int64]:
-    """Rows to time, of which each beginning holds levels and durations in the shares that all jobs have."""
+    """Rows to time; every prefix has about the distribution of levels and durations of all jobs."""
     level, duration = planned.jobs["pga_m_s2"].to_numpy(), planned.columns["duration_s"]
-    # By level, within each by duration there and back, so that neighbours are alike across the levels too.
+    # Sorted by level, and within it by duration alternately up and down, so that neighbours are similar throughout.
     turn = np.where(np.unique(level, return_inverse=True)[1] % 2, -1.0, 1.0)
     return np.lexsort((turn * duration, level))[spread(len(planned), timed_jobs(len(planned)))]
 
 
 def words_of(estimated: TimeEstimate | None, jobs: int, workers: int | None) -> str:
-    """How long jobs are expected to take on so many workers, or on the cores here; or that it is not known."""
+    """Sentence on the expected duration of jobs on some workers, or on the local cores."""
     if estimated is None:
         return f"how long the {jobs:,} jobs take is not known: those that were timed ended this machine's process"
     count = workers or os.cpu_count() or 1
@@ -85,7 +79,7 @@ def words_of(estimated: TimeEstimate | None, jobs: int, workers: int | None) -> 
 
 
 def estimate(planned: Plan) -> TimeEstimate | None:
-    """Time some jobs of a plan, of many rocks those of a few, and say what all cost.
+    """Time some jobs of a plan (for an atlas, of a few rocks), and extrapolate to all.
 
     Returns TimeEstimate or None: None where there are no jobs, and where they cannot be done here.
     """
@@ -98,7 +92,7 @@ def estimate(planned: Plan) -> TimeEstimate | None:
     cost_s: list[float] = []
     try:
         with pool_of(1, assets_here) as pool:
-            # The first one also pays for what is computed once in a process, and is timed again.
+            # The first job includes computations done once per process, and is timed again.
             pool.submit(_timed_s, planned.spec(int(chosen[0]))).result()
             end = time.monotonic() + _TIMED_S
             for row in chosen:
@@ -107,7 +101,7 @@ def estimate(planned: Plan) -> TimeEstimate | None:
                     break
     except BrokenProcessPool:
         return None
-    # Jobs cost about as their records last: a sample of long records is not taken for all.
+    # The cost of jobs is about proportional to the durations of records, which corrects a biased sample.
     duration_s = planned.columns["duration_s"]
     timed_s = duration_s[chosen[: len(cost_s)]]
     longer, sampled = (expected_s(float(of.mean()), 1) for of in (duration_s, timed_s))
@@ -118,7 +112,7 @@ def _by_few_rocks(planned: Plan) -> TimeEstimate | None:
     found = []
     for number in spread(len(planned.scenes), _ROCKS_TIMED):
         alone = plan_of(planned.scenes[number].campaign)
-        with contextlib.suppress(InputError):  # a rock that does not stand costs nothing
+        with contextlib.suppress(InputError):  # jobs of a rock that does not stand cost nothing
             settlings_of(alone)[0].checked()
             if (estimated := estimate(alone)) is not None:
                 found.append((estimated, len(alone)))
@@ -130,6 +124,6 @@ def _by_few_rocks(planned: Plan) -> TimeEstimate | None:
 
 def _timed_s(spec: JobSpec) -> float:
     began = time.perf_counter()
-    with contextlib.suppress(Exception):  # a job that fails is a row of the run, and costs what it costs
+    with contextlib.suppress(Exception):  # a failing job has a cost too
         run_job(spec, *assets())
     return time.perf_counter() - began

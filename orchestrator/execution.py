@@ -1,4 +1,4 @@
-"""Jobs in flight: a bounded window of batches on the cluster, rows to the store, faults survived."""
+"""Execution of jobs: a bounded number of batches on the cluster, storage of rows, and recovery from failures."""
 
 import logging
 import math
@@ -27,51 +27,41 @@ from toppling.results.store import finished_ids, table_of, write_part
 log = logging.getLogger(__name__)
 
 _BATCH_BUDGET_S = 2.0
-"""Work of one task: a hundred times what handing it out costs, yet little to lose with a worker."""
+"""Time budget of a task, s: a hundred times the cost of submitting it, yet little to lose with a worker."""
 
 _FIRST_SHARE = 0.1
-"""Of that the first tasks have: their rows are stored at once, and tell how many jobs the next can have."""
+"""Fraction of the budget for the first tasks, whose rows are stored immediately and give the cost of jobs."""
 
 _ATLAS_BUDGET_S = 6.0
-"""The same of many rocks: making one ready costs a third of a second."""
-
+"""Time budget of a task of an atlas, s: preparing a rock takes a third of a second."""
 _BATCHES_A_SECOND = 100
-"""What a scheduler hands out and takes back without being late; on larger clusters a task's work grows."""
-
+"""Maximum rate of tasks of a scheduler, Hz; on larger clusters the time budget grows."""
 _WAIT_S = 0.5
-"""For an answer, until all else is looked after."""
-
+"""Maximum time of waiting for a result before other duties, s."""
 _LEAST_JOB_S = 2e-4
-"""What a worker needs for a job besides its shake."""
-
+"""Overhead of a job on a worker besides its shake, s."""
 _LOOK_S = 2.0
-"""Time between looks at the cluster: how many threads it has, and whether a batch is overdue."""
-
+"""Interval between checks of the number of threads and of overdue batches, s."""
 _FLUSH_S = (5.0, 60.0)
-"""Least and greatest time between part files; it grows with the run, so that a weekend makes few thousand."""
-
+"""Minimum and maximum interval between part files, s; it grows during the run, so that a weekend makes few thousand."""
 ROUNDS = 3
-"""Times that the plan is gone through: more than once only if a stored part was lost to another program or a disk."""
-
+"""Maximum number of passes over the plan; more than one is needed only if stored rows were lost."""
 Task = Callable[[RunKey, Mapping[str, Any], pa.Table, float], pa.Table]
-"""What a worker does with the jobs of a batch in so many seconds (`task.shake_batch`)."""
+"""Function of a worker that does the jobs of a batch within a time budget (`task.shake_batch`)."""
 
 
 def budget_s(workers: int, rocks: int = 1) -> float:
-    """Work of one task on a cluster of so many workers, in seconds; of many rocks it begins with making one ready."""
+    """Time budget of a task, s, by the numbers of workers and of rocks."""
     return max(_ATLAS_BUDGET_S if rocks > 1 else _BATCH_BUDGET_S, workers / _BATCHES_A_SECOND)
 
 
 def room_for(jobs: int, spent_s: float, budget_s: float) -> int:
-    """Jobs to send in the next batch: twice what fits at the pace of these, so that few travel in vain."""
+    """Number of jobs for the next batch: twice as many as fit the budget at the last batch's pace."""
     return math.ceil(2 * budget_s * jobs / max(spent_s, _LEAST_JOB_S * jobs))
 
 
 def work_off(selection: JobSelection, work: Work) -> None:
-    """Shake until every job that is wanted has a row.
-
-    Raises RunError if the run cannot go on, or rows are lost again and again.
-    """
+    """Shake until every selected job has a row; RunError if the run cannot continue, or rows are lost repeatedly."""
     progress, redo = work.progress, work.redo
     sent: set[int] = set()
     in_vain = 0
@@ -92,15 +82,15 @@ def work_off(selection: JobSelection, work: Work) -> None:
 
 
 def rows_lost(work: Work) -> RunError:
-    """Say that rows do not stay where they are stored."""
+    """Error for stored rows that have disappeared."""
     return RunError(f"rows are lost after they are stored: is the disk of {work.folder} sound?")
 
 
 class Execution:
-    """Some jobs of a plan on their way through a cluster, that of the work's client unless given.
+    """Executes jobs of a plan on a cluster, that of the work's client unless given.
 
-    pending: rows of the plan that need work, in the order to start them.
-    task: what a worker does with a batch.
+    pending: rows of the plan to do, in the order to start them.
+    task: function that a worker applies to a batch.
     """
 
     def __init__(
@@ -113,19 +103,19 @@ class Execution:
         self._asked = Asked(self.plan, work.folder)
         self._rocks = {scene.scene_id: scene.rock for scene in self.plan.scenes}
         self._session = uuid.uuid4().hex[:8]
-        self.tasks = 0  # handed out so far
+        self.tasks = 0  # number of submitted tasks
         self._room = FIRST_JOBS
         self._looked = -math.inf
         self._since: dict[tuple[str, str], float] = {}
         self._overdue: set[str] = set()
         self._flying: dict[str, Batch] = {}
         self._unstored: list[pa.Table] = []
-        self._flushed = -math.inf  # the first rows are stored at once
+        self._flushed = -math.inf  # the first rows are stored immediately
 
     def __call__(self) -> RunProgress:
-        """Work until every job has a row in the store.
+        """Execute until every job has a row in the store.
 
-        Raises RunError if the scheduler is lost or no worker is fit.
+        Raises RunError if the scheduler is lost or no worker can do the jobs.
         Raises OSError if a part cannot be written.
         """
         try:
@@ -156,12 +146,12 @@ class Execution:
     def _submit(self) -> None:
         workers = max(self.progress.workers, 1)
         batches: dict[str, Batch] = {}
-        # More than two a worker: Dask then keeps the waiting ones on the scheduler, out of reach of a crash.
+        # More than two per worker: Dask then keeps waiting tasks on the scheduler, safe from a worker's crash.
         while len(self._flying) + len(batches) < 2 * workers + 2 and (
             batch := self.dispatch.next_batch(workers, self._room)
         ):
             self.tasks += 1
-            # A key never returns, not even in another session: Dask would hand out the old answer.
+            # Keys are never reused, not even in another session: Dask would return the old result.
             batches[f"{self._session}-{self.tasks}"] = batch
         if batches:
             budget, scenes = self._budget_s, self.plan.columns["scene_id"]
@@ -174,7 +164,7 @@ class Execution:
             self._flying |= batches
 
     def _rejoin(self, error: BaseException) -> None:
-        """Hand out again what is in flight, once the scheduler answers again or another does at its address."""
+        """Resubmit all batches in flight once the scheduler, or another at its address, answers."""
         tell("scheduler lost", error=repr(error))
         self.cluster.rejoin(self.work.run_keys, error)
         for batch in self._flying.values():
@@ -229,7 +219,7 @@ class Execution:
             raise RunError(f"no fit worker is left: {why}")
 
     def _distrust(self, job: int, batch: Batch, problem: str) -> None:
-        """Have a job tried again, alone, whose row does not answer it, or give it up."""
+        """Retry a job with an invalid row alone, or give it up."""
         log.warning("a worker's row of job %s does not answer it: %s", self.plan.spec(job).job_id, problem)
         if self.dispatch.died(Batch((job,), batch.attempt, batch.alone)) is not None:
             self._give_up(job, batch, f"a worker's row does not answer it: {problem}")
@@ -243,7 +233,7 @@ class Execution:
         self._keep(table_of([lost_row(spec, status, message)]), batch.attempt)
 
     def _look(self) -> None:
-        """See how many threads there are, and replace workers that hang."""
+        """Update the number of threads, and replace workers that hang."""
         now = time.monotonic()
         if now - self._looked < _LOOK_S:
             return
@@ -266,7 +256,7 @@ class Execution:
 
     def _keep(self, rows: pa.Table, attempt: int) -> None:
         self.progress.count(rows)
-        # Of a job's rows the newest attempt counts: one that is done again goes on from where it was.
+        # The newest attempt of a job counts: attempts of repeated jobs continue from the last number.
         redo = self.work.redo
         attempts = [redo.get(job, 0) + attempt for job in rows["job_id"].to_pylist()]
         rock = self._rocks[rows["scene_id"][0].as_py()]

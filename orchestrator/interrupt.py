@@ -1,8 +1,8 @@
-"""Ctrl-C, as often as somebody presses it: the first stops the program in order, the others change nothing.
+"""Graceful stop by Ctrl-C: the first signal stops the program, further ones are ignored.
 
-So do SIGTERM (a batch system's warning) and SIGHUP (a terminal that closes). The first raises KeyboardInterrupt in the
-main thread, wherever that is. So what must be whole holds it back, it is raised again where a finalizer or a library
-swallowed it, and what fails after it fails because of it and is not told.
+SIGTERM (a batch system's warning) and SIGHUP (a closed terminal) act likewise. The first signal raises
+KeyboardInterrupt in the main thread at any point. Critical sections therefore defer it, it is raised again where a
+finalizer or a library suppressed it, and later failures are attributed to it and not reported.
 """
 
 import contextlib
@@ -17,22 +17,19 @@ from types import FrameType
 from typing import Any, NoReturn, TypeVar
 
 INTERRUPTED = 130
-"""Exit code of a program that was stopped."""
-
+"""Exit code of a stopped program."""
 _PATIENCE_S = 60
-"""What has not ended in order so long after it was told to is ended without."""
-
+"""Time after the first signal at which the process is ended forcibly, s."""
 ENDS = (signal.SIGTERM, signal.SIGHUP)
-"""What ends a program as Ctrl-C does."""
-
+"""Signals that are treated like Ctrl-C."""
 _LOOK_S = 0.1
-"""Time between looks at whether the KeyboardInterrupt is still on its way."""
+"""Interval between checks whether the KeyboardInterrupt is still propagating, s."""
 
 _Entered = TypeVar("_Entered")
 
 
 class _Stop:
-    """Whether and when a stop was asked for. No dataclass, whose import takes longer than that of all else here."""
+    """State of a requested stop. Not a dataclass, whose import would dominate that of this module."""
 
     asked_at: float | None = None
     blocked = 0
@@ -42,9 +39,9 @@ _STOP = _Stop()
 
 
 def as_program(work: Callable[[], object]) -> NoReturn:
-    """Do the work of a whole process and exit with its code; after Ctrl-C, wherever that came, with `INTERRUPTED`.
+    """Run the main function of a process and exit with its code, or with `INTERRUPTED` after Ctrl-C at any point.
 
-    So after SIGTERM and SIGHUP, unless whoever started it has them ignored, as `nohup` does.
+    SIGTERM and SIGHUP act likewise, unless they are ignored, as by `nohup`.
     """
     signal.signal(signal.SIGINT, _stop_once)
     for number in ENDS:
@@ -57,16 +54,16 @@ def as_program(work: Callable[[], object]) -> NoReturn:
                 work()
         except SystemExit as end:
             code = end.code
-        finally:  # there is nothing left to stop
+        finally:  # nothing is left to stop
             end_of_stop()
             signal.signal(signal.SIGINT, signal.SIG_IGN)
             for number in ENDS:
                 if signal.getsignal(number) is _stop_once:
                     signal.signal(number, signal.SIG_DFL)
     except KeyboardInterrupt:
-        print("stopped", file=sys.stderr)  # noqa: T201  (what click is to say may not be imported yet)
+        print("stopped", file=sys.stderr)  # noqa: T201  (click may not be imported yet)
         code = INTERRUPTED
-    if code == INTERRUPTED:  # all that had to end has ended: the interpreter's own end may be slow
+    if code == INTERRUPTED:  # cleanup is complete, and the interpreter's shutdown may be slow
         with contextlib.suppress(OSError):
             sys.stdout.flush()
             sys.stderr.flush()
@@ -75,10 +72,10 @@ def as_program(work: Callable[[], object]) -> NoReturn:
 
 
 def _stop_once(signum: int, frame: FrameType | None) -> None:  # noqa: ARG001  (a signal handler's signature)
-    """Raise KeyboardInterrupt for the first signal, and let no other come between it and an orderly end."""
+    """Raise KeyboardInterrupt for the first signal, and ignore further ones during the cleanup."""
     for number in (signal.SIGINT, *ENDS):
         signal.signal(number, signal.SIG_IGN)
-    # What a finalizer or a thread fails with after the stop, it fails with because of it.
+    # Exceptions in finalizers and threads after the stop are its consequence.
     sys.unraisablehook = lambda _: None
     threading.excepthook = lambda _: None
     _STOP.asked_at = time.monotonic()
@@ -88,12 +85,12 @@ def _stop_once(signum: int, frame: FrameType | None) -> None:  # noqa: ARG001  (
 
 
 def end_of_stop() -> None:
-    """Take a KeyboardInterrupt for done: it is not raised again."""
+    """Mark a KeyboardInterrupt as handled, so that it is not raised again."""
     signal.setitimer(signal.ITIMER_REAL, 0.0)
 
 
 def _look(signum: int, frame: FrameType | None) -> None:  # noqa: ARG001
-    """See whether the KeyboardInterrupt is still on its way: libraries swallow it in finalizers and bare excepts."""
+    """Raise a KeyboardInterrupt again that was suppressed: libraries do so in finalizers and bare excepts."""
     if _STOP.asked_at is not None and time.monotonic() - _STOP.asked_at > _PATIENCE_S:
         print("stopped: the end took too long", file=sys.stderr, flush=True)  # noqa: T201  (nothing else works here)
         os._exit(INTERRUPTED)
@@ -101,7 +98,7 @@ def _look(signum: int, frame: FrameType | None) -> None:  # noqa: ARG001
 
 
 def _raise_unless_held() -> None:
-    error = sys.exc_info()[1]  # of the main thread, which was interrupted here
+    error = sys.exc_info()[1]  # exception being handled in the interrupted main thread
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__context__
     if error is None and not _STOP.blocked:
@@ -110,7 +107,7 @@ def _raise_unless_held() -> None:
 
 @contextmanager
 def signals_as_stop() -> Iterator[None]:
-    """What fails once a stop was asked for is the stop: workers and connections are gone because of it."""
+    """Convert exceptions after a requested stop to KeyboardInterrupt: workers and connections are lost by it."""
     try:
         yield
     except Exception as error:
@@ -121,7 +118,7 @@ def signals_as_stop() -> Iterator[None]:
 
 @contextmanager
 def held_back() -> Iterator[None]:
-    """Inside no KeyboardInterrupt is raised; one that is due is raised at the end."""
+    """Defer a KeyboardInterrupt to the end of the block."""
     _STOP.blocked += 1
     try:
         yield
@@ -132,9 +129,9 @@ def held_back() -> Iterator[None]:
 
 
 class Uninterrupted(AbstractContextManager[_Entered]):
-    """A context whose beginning and end Ctrl-C does not cut in two, but what is done in it.
+    """Context manager whose entry and exit, but not its body, are protected from Ctrl-C.
 
-    Half a beginning leaves processes behind, and half an end threads and pages of errors.
+    An incomplete entry would leave processes behind, and an incomplete exit threads and error messages.
     """
 
     def __init__(self, inner: AbstractContextManager[_Entered]) -> None:
@@ -159,14 +156,13 @@ class Uninterrupted(AbstractContextManager[_Entered]):
 
 @contextmanager
 def kept_from_children() -> Iterator[None]:
-    """Threads that are started meanwhile, and processes that these start, are not told of Ctrl-C.
+    """Block Ctrl-C and SIGHUP in threads started within the block, and in their child processes.
 
-    A terminal sends it to all of them, and SIGHUP as it closes: the main thread ends the others, which have nothing to
-    say.
+    A terminal sends these signals to all processes, but the main thread shuts down the others without messages.
     """
     from multiprocessing import resource_tracker
 
-    resource_tracker.ensure_running()  # it would let the signals through in the thread that first needs it
+    resource_tracker.ensure_running()  # it would unblock the signals in the thread that first needs it
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
     try:
         yield

@@ -1,6 +1,6 @@
-"""What happened in a run, a JSON object a line in `run.log`: for programs, and for the morning after.
+"""Log of a run's events, one JSON object per line of `run.log`.
 
-Events are told with :func:`tell`; warnings of the orchestrator and the store come along by themselves.
+Events are written by :func:`tell`; warnings of the orchestrator and the store are included automatically.
 """
 
 import json
@@ -23,18 +23,18 @@ _CHECKSUM = b', "crc32": "'
 log = logging.getLogger(__name__)
 
 _events = logging.getLogger("toppling.orchestrator.journal")
-_events.propagate = False  # a terminal shows progress and warnings, not every part that is stored
+_events.propagate = False  # the terminal shows progress and warnings, but not every stored part
 _events.setLevel(logging.INFO)
 
 
 def tell(event: str, **fields: Any) -> None:
-    """Note an event with what belongs to it."""
+    """Log an event with its fields."""
     _events.info(event, extra={"fields": fields})
 
 
 @contextmanager
 def journal(run: Path) -> Iterator[None]:
-    """Write events and warnings to the run's log while the block runs."""
+    """Write events and warnings to the run's log within the block."""
     handler = _JsonLines(run / LOG_FILE)
     loggers = [_events, logging.getLogger("toppling.orchestrator"), logging.getLogger("toppling.results")]
     for logger in loggers:
@@ -51,14 +51,14 @@ _no_log = refusals(expected="the log of a run", remedy="remove it: no result res
 
 
 def last(run: Path, *events: str) -> dict[str, Any] | None:
-    """Find the newest entry of some kinds near the end of a run's log."""
+    """Newest entry of the given events near the end of a run's log; None if there is none."""
     try:
         with open_given(run / LOG_FILE, _no_log) as file:
             begin = file.seek(max(file.seek(0, os.SEEK_END) - _TAIL_BYTES, 0))
             lines = file.read().splitlines()
     except (InputError, OSError):
         return None
-    for line in reversed(lines[1:] if begin else lines):  # the first is cut by where the reading began
+    for line in reversed(lines[1:] if begin else lines):  # the first line may be incomplete
         if not _is_whole(line):
             log.warning("a line of %s is cut or damaged, and left out", run / LOG_FILE)
         elif (entry := json.loads(line)).get("event") in events:
@@ -67,18 +67,18 @@ def last(run: Path, *events: str) -> dict[str, Any] | None:
 
 
 def _with_checksum(line: bytes) -> bytes:
-    """A JSON object with the checksum of its text as the last member."""
+    """Add the checksum of a JSON object's text as its last member."""
     return line[:-1] + _CHECKSUM + b'%08x"}' % zlib.crc32(line[:-1])
 
 
 def _is_whole(line: bytes) -> bool:
-    """Whether a line has its checksum; one that a crash has cut has none."""
+    """Whether a line has a valid checksum; a line truncated by a crash has none."""
     text, mark, end = line.rpartition(_CHECKSUM)
     return bool(mark) and end == b'%08x"}' % zlib.crc32(text)
 
 
 class _JsonLines(logging.Handler):
-    """One write a line, so that a crash cuts at most the last one."""
+    """Handler with a single write per line, so that a crash truncates at most the last one."""
 
     def __init__(self, path: Path) -> None:
         super().__init__()
@@ -96,7 +96,7 @@ class _JsonLines(logging.Handler):
             "event": record.getMessage(),
             **getattr(record, "fields", {}),
         }
-        # A full disk stops the run where rows are stored, and says so there.
+        # A full disk is reported where rows are stored.
         with suppress(OSError):
             os.write(self._file, _with_checksum(json.dumps(event, default=str).encode()) + b"\n")
 

@@ -1,6 +1,6 @@
-"""Keys of a file that a person writes, each declared once: its name, what it may be, its default, its meaning.
+"""Declarations of the keys of user-written files: name, allowed values, default and meaning.
 
-Reading, refusals, the template of `toppling init` and the list in the documentation come from the declaration.
+Parsing, error messages, the template of `toppling init` and the documentation's list are derived from them.
 """
 
 from collections import Counter
@@ -15,14 +15,14 @@ from toppling.models.files.folder import local, named_beside
 from toppling.models.spelling import did_you_mean
 
 _MOST_ON_AN_AXIS = 50_000
-"""Of levels, azimuths, coefficients or records; azimuths a hundredth of a degree apart are 36,000."""
+"""Maximum number of levels, azimuths, coefficients or records; azimuths in steps of 0.01 degrees are 36,000."""
 
 REQUIRED: Any = type("Required", (), {"__repr__": lambda _: "REQUIRED"})()
 
 
 @dataclass(frozen=True)
 class Place:
-    """Where a value stands (file and key), the folder that its paths start from, what is expected, and what to do."""
+    """Location of a value (file and key), base folder of its paths, expected values and remedy."""
 
     where: str
     folder: Path = Path()
@@ -30,7 +30,7 @@ class Place:
     remedy: str = ""
 
     def wrong(self, code: str, what: str, expected: str = "", remedy: str = "") -> InputError:
-        """The refusal of what stands there."""
+        """Error for the value at this place."""
         return InputError(
             code, what, where=self.where, expected=expected or self.expected, remedy=remedy or self.remedy
         )
@@ -41,19 +41,19 @@ _Reader = Callable[[Any, Place], Any]
 
 @dataclass(frozen=True)
 class Key:
-    """One key."""
+    """Declaration of a key."""
 
-    name: str  # with its unit at the end
-    read: _Reader  # value of what a file says, or an `InputError`
-    values: str  # what it may be, with the unit
-    help: str  # what it means
+    name: str  # with the unit as suffix
+    read: _Reader  # parses and validates a value, or raises an `InputError`
+    values: str  # description of the allowed values, with the unit
+    help: str  # meaning
     default: Any = REQUIRED  # `REQUIRED` if there is none
-    otherwise: str = "none"  # what the default means
+    otherwise: str = "none"  # description of the default
     example: str = ""  # a value in TOML
-    page: str = ""  # of the documentation that says more
+    page: str = ""  # page of the documentation with details
 
     def place(self, where: str, folder: Path) -> Place:
-        """Where it stands in a file."""
+        """Place of the key in a file."""
         remedy = "correct the value; mind the unit in the key's name"
         if self.default is not REQUIRED:
             remedy = f"leave it out for {self.otherwise}"
@@ -61,7 +61,7 @@ class Key:
 
     @property
     def line(self) -> str:
-        """Line of a file, commented out."""
+        """Commented line for a template file."""
         return f"# {self.name} = {self.example}  # {self.help}; left out: {self.otherwise}"
 
 
@@ -73,9 +73,9 @@ def read_keys(
     joint: str = ": ",
     instead: Mapping[str, str] | None = None,
 ) -> dict[str, Any]:
-    """Values of all keys, defaults where the content has none.
+    """Read the values of all keys, with defaults for keys that the content lacks.
 
-    instead: what to do where a key that people expect is none.
+    instead: remedies for unsupported keys that users may expect.
     Raises InputError if a key is unknown or missing, or a value is out of its range.
     """
     known = {key.name: key for key in keys}
@@ -101,7 +101,7 @@ def read_keys(
 
 
 def number(fits: Callable[[Any], bool], kind: type = float) -> _Reader:
-    """Reader of a number (or, by `kind`, of a whole number or a truth value) that fits."""
+    """Reader of a number (or, by `kind`, of an integer or a boolean) that satisfies a condition."""
 
     def read(given: Any, place: Place) -> Any:
         right = is_number(given) if kind is float else type(given) is kind
@@ -117,7 +117,7 @@ def number(fits: Callable[[Any], bool], kind: type = float) -> _Reader:
 
 
 def word(known: Iterable[str]) -> _Reader:
-    """Reader of one of some words."""
+    """Reader of one of several words."""
 
     def read(given: Any, place: Place) -> str:
         if not isinstance(given, str) or given not in known:
@@ -137,14 +137,14 @@ def path(given: Any, place: Place) -> Path:
 
 
 def texts(given: Any, place: Place) -> tuple[str, ...]:
-    """Read a list of texts, each once."""
+    """Read a list of distinct texts."""
     if not isinstance(given, list) or not given or not all(isinstance(one, str) and one for one in given):
         raise place.wrong("campaign.value_unusable", shown(given))
     return tuple(distinct(given, place))
 
 
 def pair(highest: float) -> _Reader:
-    """Reader of two numbers from 0, the lower first."""
+    """Reader of two ascending numbers between 0 and `highest`."""
 
     def read(given: Any, place: Place) -> tuple[float, float]:
         two = isinstance(given, list) and len(given) == 2 and all(map(is_number, given))
@@ -156,7 +156,7 @@ def pair(highest: float) -> _Reader:
 
 
 def axis(fits: Callable[[float], bool], instead: str | None = None) -> _Reader:
-    """Reader of the numbers of a list, or of a table {start, stop, step} that includes its stop; a word for none."""
+    """Reader of numbers from a list or a table {start, stop, step}, stop included; the word `instead` gives none."""
 
     def read(given: Any, place: Place) -> tuple[float, ...]:
         if instead is not None and given == instead:
@@ -190,7 +190,7 @@ def _of_range(given: Mapping[str, Any], place: Place) -> list[float]:
         raise place.wrong(
             "campaign.range_empty", what, "step above 0, stop not below start", f"did you mean {sound}?"
         )
-    # Half a thousandth of a step lets 0.1 + 0.1 + 0.1 reach a stop of 0.3; rounding gives 0.3 back.
+    # A tolerance of 5e-4 steps lets 0.1 + 0.1 + 0.1 reach a stop of 0.3; rounding restores 0.3.
     many = (float(stop) - float(start)) / step
     if not many < _MOST_ON_AN_AXIS:
         what = f"{shown(given)} holds {many:.3g} numbers"
@@ -199,7 +199,7 @@ def _of_range(given: Mapping[str, Any], place: Place) -> list[float]:
 
 
 def distinct(values: list, place: Place) -> list:
-    """The values, if each is there once, and not too many are."""
+    """Check that values are distinct and not too many, and return them."""
     if len(values) > _MOST_ON_AN_AXIS:
         raise place.wrong(
             "campaign.list_too_long", f"{len(values)} values", f"at most {_MOST_ON_AN_AXIS}", "leave some out"

@@ -1,8 +1,8 @@
-"""Workers that are told to leave, by a batch system or a cloud that takes its node back: no death, no job's failure.
+"""Graceful shutdown of workers whose node a batch system or a cloud withdraws: not counted as a crash.
 
-A worker that gets SIGTERM ends the job at hand, hands its rows over and goes, within seconds whatever happens; where it
-is given no time for that, its batch is done again elsewhere. Either way it says so before it goes, which one that
-crashes cannot. One whose scheduler is gone is started anew by its nanny, and joins the next one at the same address.
+A worker that receives SIGTERM finishes the current job, returns its rows and exits within seconds; without enough time
+for that, its batch is repeated elsewhere. In both cases it announces its exit, unlike a crashed worker. A worker whose
+scheduler is lost is restarted by its nanny, and joins the next scheduler at the same address.
 """
 
 import asyncio
@@ -20,40 +20,39 @@ from distributed.protocol.pickle import dumps
 log = logging.getLogger(__name__)
 
 LEAVING = threading.Event()
-"""Set in a worker's process that is told to leave: the batch at hand ends with the job at hand."""
-
+"""Set in a worker's process that is to exit: the current batch ends with its current job."""
 _GRACE_S = 5.0
-"""A job at hand has this long, and after it the handing over; clouds and batch systems give half a minute."""
-
+"""Time for the current job, and then for returning rows, s; clouds and batch systems give half a minute."""
 _LOOK_S = 0.02
+"""Interval between checks whether the current job has ended, s."""
 _PLUGIN = "toppling-leaving"
 _GOODBYE = {"action": "closing-worker", "reason": "told to leave"}
-"""As Dask's own, which a worker says later, as it closes."""
+"""Event that announces an exit, in the form of Dask's event, which a worker sends only when it closes."""
 _SERVED: set[str] = set()
-"""Clients whose workers leave in order now."""
+"""Clients whose workers have the plugin."""
 
 
 class _LeaveInOrder(WorkerPlugin):
-    """Has each worker that is there or joins leave in order on SIGTERM, and rest for no lack of memory.
+    """Plugin for graceful exit of workers on SIGTERM, which also disables pausing at low memory.
 
-    outlive: whether a worker's process is started anew where its scheduler is gone.
+    outlive: whether a worker's process is restarted when its scheduler is lost.
     """
 
     def __init__(self, *, outlive: bool = False) -> None:
         self.outlive, self.scheduler = outlive, ""
 
     async def setup(self, worker: Worker) -> None:
-        """Listen, in a worker's own process: only its main thread gets signals."""
+        """Install the signal handler in a worker's process, whose main thread receives signals."""
         with contextlib.suppress(ValueError, RuntimeError, NotImplementedError):
             loop = asyncio.get_running_loop()
             loop.add_signal_handler(signal.SIGTERM, lambda: loop.create_task(_leave(worker)))
-        # Nothing would become free: a worker that rests would wait for ever.
+        # Pausing would free no memory: a paused worker would wait forever.
         worker.memory_manager.memory_pause_fraction = False
         if self.outlive:
             self.scheduler = await _scheduler_of(worker)
 
     async def teardown(self, worker: Worker) -> None:
-        """Have the nanny, which has been told to end with its worker, start another if the scheduler is gone."""
+        """Let the nanny, which should end with its worker, restart it if the scheduler is lost."""
         if self.outlive and worker.nanny and not LEAVING.is_set():
             gone = True
             with contextlib.suppress(OSError):
@@ -72,14 +71,14 @@ def _go_on(dask_worker: Nanny) -> None:
 
 
 def let_leave_in_order(client: Client) -> None:
-    """Have the workers of a scheduler leave in order, those that join later too."""
+    """Register the plugin for graceful exit with all present and future workers of a scheduler."""
     client.register_plugin(_LeaveInOrder(outlive=client.cluster is None), name=_PLUGIN)
 
 
 @contextlib.contextmanager
 def leaving_in_order(client: Client) -> Iterator[None]:
-    """Let workers that are to leave in order do so until this ends."""
-    if client.id in _SERVED:  # a session within another, as where bases are weighed
+    """Keep the plugin for graceful exit registered within the block."""
+    if client.id in _SERVED:  # a nested session, such as the conditioning of bases
         yield
         return
     _SERVED.add(client.id)
@@ -88,12 +87,12 @@ def leaving_in_order(client: Client) -> Iterator[None]:
     finally:
         _SERVED.discard(client.id)
         if client.status == "running":
-            with contextlib.suppress(OSError, KeyError, ValueError):  # who could not load it has none
+            with contextlib.suppress(OSError, KeyError, ValueError):  # workers that could not load it
                 client.unregister_worker_plugin(_PLUGIN)
 
 
 def was_told_to_leave(client: Client, address: str) -> bool:
-    """Whether a worker that is gone had said that it would go."""
+    """Whether a lost worker had announced its exit."""
     events = client.get_events(address) or ()
     return any(isinstance(event, dict) and event.get("action") == _GOODBYE["action"] for _, event in events)
 
@@ -103,13 +102,13 @@ async def _leave(worker: Worker) -> None:
     worker.log_event(worker.address, _GOODBYE)
     exit_anyway = threading.Timer(
         3 * _GRACE_S, os._exit, (0,)
-    )  # a connection may hold up any of what follows
+    )  # a blocked connection may delay any of the following
     exit_anyway.daemon = True
     exit_anyway.start()
     at_hand, now = {task.key for task in worker.state.executing}, asyncio.get_running_loop().time
     end = now() + _GRACE_S
     while now() < end and at_hand & {task.key for task in worker.state.executing}:
         await asyncio.sleep(_LOOK_S)
-    with contextlib.suppress(OSError, TimeoutError):  # the scheduler is gone too
+    with contextlib.suppress(OSError, TimeoutError):  # the scheduler is lost too
         await asyncio.wait_for(worker.close_gracefully(reason="told to leave"), _GRACE_S)
     await worker.close(reason="told to leave")

@@ -1,7 +1,7 @@
-"""Worker processes of this machine, as a Dask cluster of its own kind.
+"""Dask cluster of local worker processes.
 
-Each is told its scheduler on standard input. It needs neither the calling program nor shared memory, so that a script
-needs no main guard, may come from standard input, and runs where /dev/shm cannot be written.
+Each receives its configuration on standard input. It needs neither the calling program nor shared memory: a script
+needs no main guard, may come from standard input, and runs where /dev/shm is not writable.
 """
 
 import asyncio
@@ -27,19 +27,20 @@ from toppling.orchestrator.worker_start import WorkerProcess, worker_process
 log = logging.getLogger(__name__)
 
 _DEATHS_AT_START = 2
-"""In a row: another process would end in the same way."""
+"""Number of consecutive deaths at the start after which no process is started."""
 
 _MEMORY_SHARE, _LOOK_S, _CLOSE_LOOK_S = 0.95, 1.0, 0.02
-"""Of a worker's part of the machine's memory: one that holds more is ended before the machine has none left."""
+"""Fraction of a worker's part of the machine's memory at which it is ended; intervals of checks during work and at the
+end, s."""
 
 _OUT_OF_MEMORY = Path("/sys/fs/cgroup/memory.events")
 
 
 class LocalWorkers(SpecCluster):
-    """Worker processes on the loopback interface, of which at most so many share the memory of the machine."""
+    """Worker processes on the loopback interface, at most `most`, which share the machine's memory equally."""
 
     def __init__(self, scratch: str, security: Security, most: int) -> None:
-        self.deaths_at_start, self.why = 0, ""  # in a row; of the last
+        self.deaths_at_start, self.why = 0, ""  # number of consecutive deaths; reason of the last
         host = "127.0.0.1"
         scheduler = {"host": host, "port": 0, "protocol": "tls://", "security": security,
                      "dashboard": False, "dashboard_address": f"{host}:0"}  # fmt: skip
@@ -54,12 +55,12 @@ class LocalWorkers(SpecCluster):
 
     @property
     def fatal(self) -> str:
-        """Why no other process is started; empty as long as there is hope."""
+        """Reason why no further process is started; empty otherwise."""
         return self.why if self.deaths_at_start >= _DEATHS_AT_START else ""
 
 
 class _LocalWorker(ProcessInterface):
-    """A process that is started again when it dies; a thread sees to that."""
+    """Worker process that a thread restarts when it dies."""
 
     def __init__(
         self, scheduler: str, name: Any, session: LocalWorkers, told: dict[str, Any], memory: float
@@ -72,12 +73,12 @@ class _LocalWorker(ProcessInterface):
         self._closing = False
 
     async def start(self) -> None:
-        """Begin; the process joins its scheduler in its own time."""
+        """Start the process, which joins its scheduler asynchronously."""
         self._keeper.start()
         await super().start()
 
     async def close(self) -> None:
-        """End the process: it holds nothing."""
+        """End the process."""
         self._closing = True
         while self._keeper.is_alive():
             self.kill()
@@ -85,7 +86,7 @@ class _LocalWorker(ProcessInterface):
         await super().close()
 
     def kill(self) -> None:
-        """End the process at once."""
+        """End the process immediately."""
         if self._worker:
             self._worker.process.kill()
 
@@ -93,7 +94,7 @@ class _LocalWorker(ProcessInterface):
         while not self._closing and not self._session.fatal:
             try:
                 joined, why = self._live()
-            except Exception as error:  # of what starts it
+            except Exception as error:  # the process could not be started
                 joined, why = False, f"it cannot be started: {error}"
             if not self._closing:
                 self._session.why = why
@@ -101,7 +102,7 @@ class _LocalWorker(ProcessInterface):
                 tell("worker process died", worker=self._name, joined=joined, why=why)
 
     def _live(self) -> tuple[bool, str]:
-        """Take a process and wait for its end: whether it had joined, and what it died of."""
+        """Start a process and wait for its end; returns whether it had joined, and the cause of its end."""
         killed_before = _kills_for_memory()
         self._worker = worker = worker_process()
         try:
@@ -122,7 +123,7 @@ class _LocalWorker(ProcessInterface):
             worker.end()
 
     def _until_the_end(self, pid: int, output: IO[bytes]) -> str:
-        """Wait; end the process if it takes more memory than its share, and say so."""
+        """Wait for the end of the process; end it and return the reason if it exceeds its share of memory."""
         why, end = "", select.poll()
         end.register(output)  # closed as the process ends
         while not end.poll(1000.0 * _LOOK_S):
@@ -144,7 +145,7 @@ def _why(code: int, errors: str, out_of_memory: bool) -> str:
 
 
 def _kills_for_memory() -> int:
-    """Processes of this container that the kernel has killed for lack of memory; 0 where it does not say."""
+    """Number of processes of this container killed by the kernel's out-of-memory killer; 0 if unknown."""
     with contextlib.suppress(OSError, ValueError):
         counts = dict(line.split() for line in _OUT_OF_MEMORY.read_text().splitlines())
         return int(counts.get("oom_kill", 0))

@@ -1,6 +1,6 @@
-"""Pages for the browser of one person: a server on the loopback interface, at an address that holds a secret.
+"""Web server for a single user: on the loopback interface, at an address that contains a secret.
 
-No other user of the machine and no other page of the browser can ask it anything.
+No other user of the machine and no other page of the browser has access.
 """
 
 import secrets
@@ -12,16 +12,16 @@ from typing import Any
 
 _LOOPBACK = "127.0.0.1"
 _SLOWEST_S = 30.0
-"""A connection on which nothing comes for so long is closed."""
+"""Time of inactivity after which a connection is closed, s."""
 HTML, TEXT = "text/html; charset=utf-8", "text/plain; charset=utf-8"
 _NOTHING = "default-src 'none'"
 
 
 class Loopback(ThreadingHTTPServer):
-    """Server that listens on loopback only.
+    """Server that listens on the loopback interface only.
 
-    answers: class of what answers a request.
-    port: 0 for any that is free.
+    answers: class of the request handler.
+    port: 0 for any free port.
     """
 
     daemon_threads = True
@@ -31,23 +31,23 @@ class Loopback(ThreadingHTTPServer):
         super().__init__((_LOOPBACK, port), answers)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Say nothing of a browser that has gone."""
+        """Ignore errors of closed connections."""
         if not isinstance(sys.exception(), ConnectionError | TimeoutError):
             super().handle_error(request, client_address)
 
     @property
     def address(self) -> str:
-        """What to open in a browser."""
+        """Address to open in a browser."""
         return f"http://{_LOOPBACK}:{self.server_port}/{self.secret}/"
 
     @cached_property
     def hosts(self) -> set[str]:
-        """Names under which a browser may ask: another name may be another site's, turned to this address."""
+        """Allowed host headers: others may come from DNS rebinding by another site."""
         return {f"{name}:{self.server_port}" for name in (_LOOPBACK, "localhost")}
 
 
 class Answers(BaseHTTPRequestHandler):
-    """What all pages share: who may ask, and how an answer is sent."""
+    """Base of request handlers: access control and sending of responses."""
 
     server: Loopback
     server_version = "toppling"
@@ -55,7 +55,7 @@ class Answers(BaseHTTPRequestHandler):
     timeout = _SLOWEST_S
 
     def asked(self) -> str | None:
-        """The address behind the secret; None where the secret is another's or the server has another name."""
+        """Path after the secret; None if the secret or the host is wrong."""
         secret, _, asked = self.path.removeprefix("/").partition("/")
         origin = self.headers.get("Origin")
         known = self.headers.get("Host") in self.server.hosts
@@ -64,13 +64,13 @@ class Answers(BaseHTTPRequestHandler):
         return asked if known else None
 
     def refuse(self) -> None:
-        """Say that nothing is there."""
+        """Send a not found response."""
         self.send(b"not found", TEXT, status=HTTPStatus.NOT_FOUND)
 
     def send(
         self, body: bytes, kind: str = HTML, policy: str = _NOTHING, status: HTTPStatus = HTTPStatus.OK
     ) -> None:
-        """Send an answer that no one keeps, and that loads nothing but what its policy allows."""
+        """Send a response that is not cached and is restricted by a content security policy."""
         self.send_response(status)
         for name, value in (
             ("Content-Type", kind),
@@ -85,4 +85,4 @@ class Answers(BaseHTTPRequestHandler):
         self.wfile.write(body)
 
     def log_message(self, format: str, *args: Any) -> None:  # noqa: A002  (the library's name)
-        """Say nothing: a page asks all the time."""
+        """Log nothing: a page sends requests continuously."""

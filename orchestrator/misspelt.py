@@ -1,4 +1,4 @@
-"""Verbs and choices of the command line that answer a misspelt word with the one that was probably meant."""
+"""Commands and choices of the command line that suggest corrections of misspelt words."""
 
 from typing import Any
 
@@ -8,12 +8,12 @@ from toppling.models.spelling import nearest
 
 
 class Verbs(click.Group):
-    """A group that names the verb that was probably meant."""
+    """Command group that suggests corrections of misspelt commands."""
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Find the verb that the first word names."""
+        """Find the command named by the first word."""
         word = args[0]
         if self.get_command(ctx, word) is None and not word.startswith("-"):
             meant = nearest(word, self.list_commands(ctx))
@@ -23,7 +23,7 @@ class Verbs(click.Group):
 
 
 class OneOf(click.Choice):
-    """A choice that names the value that was probably meant."""
+    """Choice that suggests corrections of misspelt values."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Read a value."""

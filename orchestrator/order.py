@@ -1,11 +1,11 @@
-"""In which order jobs go out: in blocks that are balanced samples, so that an interrupted run is a smaller run.
+"""Order of jobs in blocks that are balanced samples, so that an interrupted run is a smaller valid run.
 
-A block holds of each record the same number of jobs, at levels and azimuths that its records share out evenly. Records
-take their levels and azimuths along diagonals of the grid: neighbouring cells differ in both, and any stretch of a
-diagonal holds every level, and every azimuth, equally often but for one. Where a campaign has several scenes (contacts,
-realisations) a block is of one of them; blocks go round the scenes. Realisations are spread over the jobs of each
-record along such a diagonal too. Of more scenes than a worker keeps ready, blocks
-are larger, as making one ready costs as much as several jobs.
+A block contains the same number of jobs of each record, evenly distributed over levels and azimuths. Records take their
+levels and azimuths along diagonals of the grid: neighbouring cells differ in both, and any stretch of a diagonal
+contains every level, and every azimuth, equally often up to one. Where a campaign has several scenes (contacts,
+realisations) a block has a single one; successive blocks cycle through them. Realisations are distributed over the jobs
+of each record along such a diagonal too. With more scenes than a worker caches, blocks are larger, because preparing a
+scene costs as much as several jobs.
 """
 
 import math
@@ -15,30 +15,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 _SEED = 2017
-"""Any number would do: the order is random with regard to the answers, and the same on every machine."""
-
+"""Seed of the order, which is arbitrary but equal on all machines."""
 _RECORDS_TOGETHER = 64
-"""Records that share a block, as many as a worker keeps in memory."""
-
+"""Number of records per block, as many as a worker caches."""
 _JOBS_OF_A_RECORD = 4
-"""In a block of more records than that: reading one costs a few milliseconds."""
-
+"""Number of jobs per record in a block if there are more records than that: loading one takes a few milliseconds."""
 _SCENES_KEPT = 8
-"""By a worker."""
-
+"""Number of scenes that a worker caches."""
 JOBS_OF_A_SCENE = 128
-"""Of more scenes so many jobs go out with one before the next: making it ready costs a third of a second."""
-
+"""Number of successive jobs of a scene if there are more scenes than that: preparing one takes a third of a second."""
 JOBS_OF_A_ROCK = 256
-"""Of an atlas so many jobs go out with one rock before the next, and a batch, which is of one rock, ends there."""
+"""Number of successive jobs of a rock of an atlas, after which a batch ends: a batch has a single rock."""
 
 _Codes = NDArray[np.integer]
 
 
 def diagonal(*sizes: int) -> NDArray[np.int64]:
-    """Cells of a grid, each once, so that every stretch holds each value of an axis equally often, but for one or two.
+    """Permutation of a grid's cells of which every stretch has each value of an axis equally often, up to one or two.
 
-    *sizes: of the axes.
+    *sizes: sizes of the axes.
     Returns (product of sizes, number of axes) int array: indices of the cells.
 
     Examples
@@ -52,21 +47,21 @@ def diagonal(*sizes: int) -> NDArray[np.int64]:
     for size in sizes:
         count = len(cells)
         place = np.arange(count * size)
-        # At each return to its corner the diagonal moves on to the next one.
+        # At each return to the corner, shift to the next diagonal.
         turned = (place + place // math.lcm(count, size)) % size
         cells = np.column_stack([cells[place % count], turned])
     return cells
 
 
 def _along_diagonal(*sizes: int) -> NDArray[np.int64]:
-    """For each cell of a grid its place on that diagonal."""
+    """Position of each cell of a grid on its `diagonal`."""
     places = np.empty(sizes, np.int64)
     places[tuple(diagonal(*sizes).T)] = np.arange(places.size)
     return places
 
 
 def block_jobs(records: int, levels: int, azimuths: int, scenes: int) -> tuple[int, int]:
-    """Groups that records are divided into, and jobs of a record in a block."""
+    """Number of groups that records are divided into, and number of jobs of a record in a block."""
     groups = 1 if scenes == 1 else math.ceil(records / _RECORDS_TOGETHER)
     if scenes > _SCENES_KEPT:
         jobs = math.ceil(JOBS_OF_A_SCENE * groups / records)
@@ -78,12 +73,11 @@ def block_jobs(records: int, levels: int, azimuths: int, scenes: int) -> tuple[i
 def balanced_order(
     record: _Codes, level: _Codes, azimuth: _Codes, scene: _Codes, scene_sizes: tuple[int, ...] = ()
 ) -> NDArray[np.int64]:
-    """Order of some jobs of a campaign, of which every beginning is balanced up to one block.
+    """Order of jobs of a campaign of which every prefix is balanced up to one block.
 
-    record, level, azimuth, scene: (n,), for each job the numbers of these, from 0; no two jobs have all four in
-    common.
-    scene_sizes: of the axes that scenes are numbered along, the last the fastest; one axis unless given.
-    Returns (n,) int array: places of the jobs, the first to go out first.
+    record, level, azimuth, scene: (n,), indices of these for each job, from 0; no two jobs have equal tuples.
+    scene_sizes: sizes of the axes that scenes are numbered along, the last the fastest; one axis unless given.
+    Returns (n,) int array: indices of the jobs in the order to start them.
     """
     if not len(record):
         return np.zeros(0, np.int64)
@@ -92,15 +86,15 @@ def balanced_order(
     scenes = math.prod(sizes)
     random = np.random.default_rng(_SEED)
     groups, jobs = block_jobs(records, levels, azimuths, scenes)
-    turn = random.permutation(records)[record]  # a record's place among records
+    turn = random.permutation(records)[record]  # rank of the job's record
     group = turn * groups // records
     cell = _cells(random, turn, level, azimuth, scene, scenes)
     rank = _rank_within(turn * scenes + scene, cell)
     visit, within = np.divmod(rank, jobs)
-    # The round of scenes goes along a diagonal of their axes, whose values are shuffled.
+    # Scenes are visited along a diagonal of their axes, whose values are shuffled.
     shuffled = np.ix_(*(np.argsort(random.permutation(size)) for size in sizes))
     place = _along_diagonal(*sizes)[shuffled].ravel()[scene]
-    # A group of records is at the scene after that of the group before it.
+    # Each group of records is one scene ahead of the group before it.
     step = visit * scenes + (place - group) % scenes
     return np.lexsort((within, turn, group, step))
 
@@ -115,10 +109,10 @@ def _rank_within(groups: _Codes, values: _Codes) -> NDArray[np.int64]:
 
 
 def realisations_spread(records: int, levels: int, azimuths: int, count: int) -> NDArray[np.int64]:
-    """Numbers from 0 of the realisations that jobs take, (records, levels, azimuths, jobs of such a point).
+    """Indices from 0 of the realisations of jobs, (records, levels, azimuths, jobs per point).
 
-    Each record meets all realisations, equally often but for one, at levels and azimuths of its own: along a diagonal
-    of these a realisation has the next stretch. A point has more than one job only where a record has fewer points than
+    Each record has all realisations, equally often up to one, at different levels and azimuths: along a diagonal of
+    these each realisation has one stretch. A point has more than one job only where a record has fewer points than
     there are realisations.
     """
     random = np.random.default_rng(_SEED)
@@ -133,7 +127,7 @@ def realisations_spread(records: int, levels: int, azimuths: int, count: int) ->
 
 
 def taking_turns(orders: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:
-    """Several orders as one: a stretch of each in turn, so that every beginning holds about as much of each.
+    """Interleave several orders by stretches, so that every prefix has about equally many jobs of each.
 
     Examples
     --------
@@ -149,7 +143,7 @@ def taking_turns(orders: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:
 def _cells(
     random: np.random.Generator, turn: _Codes, level: _Codes, azimuth: _Codes, scene: _Codes, scenes: int
 ) -> NDArray[np.int64]:
-    """For each job the place of its level and azimuth on its record's diagonal in its scene."""
+    """Position of each job's level and azimuth on the diagonal of its record and scene."""
     records, levels, azimuths = (int(codes.max()) + 1 for codes in (turn, level, azimuth))
     along = _along_diagonal(levels, azimuths)
     starts = []
@@ -162,6 +156,6 @@ def _cells(
 
 
 def _shared_out(random: np.random.Generator, count: int, size: int) -> NDArray[np.int64]:
-    """Numbers below `size`, every one once in each stretch of so many, in random order."""
+    """`count` numbers below `size`: successive random permutations."""
     turns = [random.permutation(size) for _ in range(math.ceil(count / size))]
     return np.concatenate(turns)[:count]

@@ -1,4 +1,4 @@
-"""From a campaign to its jobs: one table, which holds a million; specifications only as they are needed."""
+"""Expansion of a campaign to a table of jobs, of up to millions; specifications are created when needed."""
 
 import dataclasses
 import hashlib
@@ -33,47 +33,47 @@ _COLUMNS = pa.schema(
         *((name, SCHEMA.field(name if name in SCHEMA.names else f"level_{name}").type) for name in AXES),
     ]
 )
-"""Of the table of jobs: of each its axes, of the types that they have in the results."""
+"""Schema of the table of jobs, whose axes have their types in the results."""
 
 Rows = NDArray[np.int64]
-"""Numbers of rows of the table of jobs, (n,)."""
+"""Indices of rows of the table of jobs, (n,)."""
 
 _BLOCK = 50_000
-"""Jobs whose ids are worked out at a time."""
+"""Number of jobs whose ids are computed together."""
 
 _EQUAL_SHARE_S = 40.0
-"""A job is expected to cost as its record's duration and so much more: many shakes end before a long coda does."""
+"""Duration added to a record's in the expected cost of a job, s: many shakes end before a long coda does."""
 
 
 def expected_s(motion_s: float, jobs: int) -> float:
-    """What jobs are expected to cost, in a unit of its own, by the summed durations of their records."""
+    """Expected relative cost of jobs, from the sum of the durations of their records."""
     return motion_s + _EQUAL_SHARE_S * jobs
 
 
 @dataclass(frozen=True, eq=False)
 class PlannedScene:
-    """What jobs of a plan have in common that shake the same rock."""
+    """Common data of the jobs of a plan on the same rock."""
 
-    campaign: Campaign  # of this rock alone
+    campaign: Campaign  # campaign of this rock alone
     scene_id: str
     ensemble_id: str
     record_sha: dict[str, str]  # hash of every record in use
     duration_s: dict[str, float]  # duration of every record in use
-    site: Site | None = None  # of a rock among others
-    # Their folders in the run's.
+    site: Site | None = None  # site of a rock of an atlas
+    # Paths of scene and ensemble in the run's folder.
     scene_place: str = "scene"
     ensemble_place: str = "ensemble"
-    bases: int = 0  # draws of a base that realisations take
+    bases: int = 0  # number of drawn bases that realisations use
 
     def among_others(self, site: Site) -> "PlannedScene":
-        """The same as one rock of an atlas."""
+        """Planned scene as part of an atlas."""
         scene, own = f"scenes/{site.rock}/scene", site.ensemble or site.seismograms
         ensemble = f"scenes/{site.rock}/ensemble" if own else "ensemble"
         return dataclasses.replace(self, site=site, scene_place=scene, ensemble_place=ensemble)
 
     @property
     def rock(self) -> str | None:
-        """Name of a rock among others."""
+        """Name of a rock of an atlas; None for a single rock."""
         return None if self.site is None else self.site.rock
 
 
@@ -82,17 +82,17 @@ class Plan:
     """The jobs of a campaign."""
 
     campaign: Campaign
-    scenes: tuple[PlannedScene, ...]  # one, or those of an atlas
-    # One row a job: rock after rock, record after record, the longest first; where records keep their own
-    # levels and azimuths, contact after contact, since each then shakes a rock once.
+    scenes: tuple[PlannedScene, ...]  # a single one, or those of an atlas
+    # One row per job: rock after rock, record after record, the longest first; for unscaled and unrotated records
+    # contact after contact, because each record then shakes a rock once.
     jobs: pa.Table
-    recorded: Recorded | None = None  # what the rock is known to have stood
-    left_out: tuple[tuple[str, str], ...] = ()  # rocks of an atlas that cannot be read, each with the reason
-    what = "shaking"  # of all jobs (`context.JobSelection`)
+    recorded: Recorded | None = None  # motions that the rock survived
+    left_out: tuple[tuple[str, str], ...] = ()  # unreadable rocks of an atlas, with the reasons
+    what = "shaking"  # current activity (`context.JobSelection`)
 
     @property
     def scene_id(self) -> str:
-        """Hash of the scene, or of all scenes."""
+        """Hash of the scene, or of all scenes of an atlas."""
         return _joint([scene.scene_id for scene in self.scenes])
 
     @property
@@ -106,7 +106,7 @@ class Plan:
     @cached_property
     def id(self) -> str:
         """Hash of all jobs."""
-        stood = self.recorded.identity if self.recorded else ()  # jobs are the same, what they say is not
+        stood = self.recorded.identity if self.recorded else ()  # changes the weights, but not the jobs
         return hash_of([*self.jobs.column("job_id").to_pylist(), *stood])
 
     @cached_property
@@ -116,7 +116,7 @@ class Plan:
 
     @cached_property
     def columns(self) -> dict[str, NDArray]:
-        """The table of jobs as arrays, each (n,): numbers of records and `scenes`, axes, durations of records."""
+        """Table of jobs as arrays (n,): indices of records and `scenes`, axes, durations of records."""
         record, scene = (self.jobs.column(name).combine_chunks() for name in ("record_id", "scene_id"))
         number = {one.scene_id: number for number, one in enumerate(self.scenes)}
         scenes = np.array([number[name] for name in scene.dictionary.to_pylist()], np.int64)[scene.indices]
@@ -128,7 +128,7 @@ class Plan:
 
     @cached_property
     def records(self) -> tuple[str, ...]:
-        """Ids of records, by their numbers in `columns`."""
+        """Ids of records, by their indices in `columns`."""
         return tuple(self.jobs.column("record_id").combine_chunks().dictionary.to_pylist())
 
     @cached_property
@@ -142,7 +142,7 @@ class Plan:
             friction = _numbered(static * (kinetic.max(initial=0) + 1) + kinetic)
             axes = [friction, codes["restitution"], codes["realisation"]]
             sizes = tuple(int(of_axis.max(initial=0)) + 1 for of_axis in axes)
-            none = np.zeros(len(rows), np.int64)  # of records as they are each has a level of its own
+            none = np.zeros(len(rows), np.int64)  # unscaled records have no common levels
             level = codes["pga_m_s2"] if self.campaign.pga_m_s2 else none
             azimuth = codes["azimuth_deg"] if self.campaign.azimuth_deg else none
             scene = np.ravel_multi_index(axes, sizes)
@@ -168,12 +168,12 @@ class Plan:
         )
 
     def batch(self, rows: Rows) -> pa.Table:
-        """Jobs as they travel to a worker: ids, records and axes."""
+        """Table of jobs for a worker: ids, records and axes."""
         chosen = self.jobs.select(["job_id", "record_id", *AXES]).take(rows)
         return chosen.set_column(1, "record_id", chosen["record_id"].cast(pa.string()))
 
     def with_ids(self) -> "Plan":
-        """The same plan, the ids of its jobs worked out from their specifications."""
+        """Plan with job ids computed from the specifications."""
         blocks = []
         for first in range(0, len(self), _BLOCK):
             rows = np.arange(first, min(first + _BLOCK, len(self)))
@@ -185,7 +185,7 @@ class Plan:
         return dataclasses.replace(self, jobs=self.jobs.set_column(0, _COLUMNS.field("job_id"), column))
 
     def _ids(self, rows: Rows) -> list[str]:
-        """As of `JobSpec.job_id`, for jobs of one scene, whose texts differ in a few places."""
+        """Ids of jobs of one scene, as `JobSpec.job_id`, from a common text in which only a few values differ."""
         names = ("record_id", "record_sha", *AXES)
         content = dataclasses.asdict(self.spec(int(rows[0]))) | {name: f"<{name}>" for name in names}
         text = json.dumps({**content, "physics_version": PHYSICS_VERSION}, sort_keys=True).replace("%", "%%")
@@ -202,14 +202,14 @@ class Plan:
 
 
 def _numbered(values: NDArray) -> NDArray[np.int64]:
-    """For each value its number among those that occur."""
+    """Index of each value among the distinct values."""
     return np.unique(values, return_inverse=True)[1]
 
 
 def plan_of(campaign: Campaign) -> Plan:
-    """Expand a campaign to its jobs, with the scenes and ensembles that it names; one scene is in memory at a time.
+    """Expand a campaign to its jobs, loading its scenes and ensembles one at a time.
 
-    Raises InputError as `plan`; of many rocks, if none can be read, or two are the same.
+    Raises InputError as `plan`; for an atlas, if no rock can be read, or two are the same.
     """
     if not campaign.sites:
         return plan(campaign, Scene.load(campaign.scene), Ensemble.load(campaign.ensemble))
@@ -239,7 +239,7 @@ def plan_of(campaign: Campaign) -> Plan:
 
 
 def _check_atlas(parts: Sequence[Plan]) -> None:
-    """Refuse a rock that is there twice, and more jobs than a table holds."""
+    """Refuse duplicate rocks, and too many jobs."""
     last = parts[-1].scenes[0]
     for other in (part.scenes[0] for part in parts[:-1]):
         if other.scene_id == last.scene_id:
@@ -262,16 +262,15 @@ def _check_atlas(parts: Sequence[Plan]) -> None:
 
 
 def _joint(ids: Sequence[str]) -> str:
-    """Id of what several have, or hash of all."""
+    """Common id of several, or hash of all ids."""
     return ids[0] if len(set(ids)) == 1 else hash_of(ids)
 
 
 def plan(campaign: Campaign, scene: Scene, ensemble: Ensemble) -> Plan:
     """Expand a campaign of one rock to its jobs.
 
-    Raises InputError if the campaign names a record that the ensemble lacks, or the ensemble is empty, or a motion that
-    the rock stood cannot be read or tells nothing of it, or a record is sampled too coarsely for the band that it is
-    said to have.
+    Raises InputError if the campaign names a record that the ensemble lacks, the ensemble is empty, a survived motion
+    cannot be read or used, or a record is sampled too coarsely for its stated band.
     """
     duration_s = _durations_s(ensemble, campaign.records, str(campaign.ensemble))
     records = list(duration_s)
@@ -284,7 +283,7 @@ def plan(campaign: Campaign, scene: Scene, ensemble: Ensemble) -> Plan:
         recorded = read_recorded(campaign.stood)
     sha = {record: ensemble.sha(record) for record in records}
     own = dict(zip(ensemble.record_ids, ensemble.catalog.to_pylist(), strict=True))
-    levels = sorted(campaign.pga_m_s2, reverse=True) or [np.nan]  # of records as they are, each has its own
+    levels = sorted(campaign.pga_m_s2, reverse=True) or [np.nan]  # NaN for unscaled records
     azimuths = sorted(campaign.azimuth_deg) or [np.nan]
     numbers = campaign.first_realisation + realisations_spread(
         len(records), len(levels), len(azimuths), campaign.realisations
@@ -319,7 +318,7 @@ def plan(campaign: Campaign, scene: Scene, ensemble: Ensemble) -> Plan:
 
 
 def _check_band(band_hz: float, ensemble: Ensemble, records: list[str], where: str) -> None:
-    """Refuse before any job what :func:`models.motions.above_band.with_motion_above` would refuse in each."""
+    """Refuse in advance what :func:`models.motions.above_band.with_motion_above` would refuse in each job."""
     step_s = dict(zip(ensemble.record_ids, ensemble.catalog["time_step_s"].to_pylist(), strict=True))
     coarsest = max(records, key=lambda record: step_s[record])
     highest_hz = HIGHEST_CORNER / step_s[coarsest]
@@ -334,7 +333,7 @@ def _check_band(band_hz: float, ensemble: Ensemble, records: list[str], where: s
 
 
 def _durations_s(ensemble: Ensemble, asked: Sequence[str] | None, where: str) -> dict[str, float]:
-    """Durations of the records to use by their ids, the longest motion first."""
+    """Durations of the records to use, by id, the longest first."""
     catalog, known = ensemble.catalog, ensemble.record_ids
     duration = dict(zip(catalog["record_id"].to_pylist(), catalog["duration_s"].to_pylist(), strict=True))
     if missing := [name for name in asked or () if name not in duration]:

@@ -1,4 +1,4 @@
-"""Processes of this machine that share a loop of work with the program, and end with it."""
+"""Pools of local processes that end with the program."""
 
 import signal
 from collections.abc import Iterator
@@ -12,20 +12,20 @@ _ASSETS: list[Any] = []
 
 
 def assets() -> list[Any]:
-    """In a process of a pool, what it was given as it began."""
+    """Assets that a pool's process was started with."""
     return _ASSETS
 
 
 @contextmanager
 def pool_of(count: int, *assets: Any) -> Iterator[ProcessPoolExecutor]:
-    """A pool of processes that hear nothing of Ctrl-C, and that end at once where what is done with them fails."""
+    """Pool of processes that ignore Ctrl-C, and are killed immediately if the block fails."""
     pool = ProcessPoolExecutor(count, initializer=_begin, initargs=assets)
     try:
         with kept_from_children():
             pool.submit(bool).result()  # all of them start with the first task
         yield pool
     except BaseException:
-        for process in list(pool._processes.values()):  # else the end waits for all that was asked for
+        for process in list(pool._processes.values()):  # otherwise shutdown waits for all submitted work
             process.kill()
         raise
     finally:
@@ -34,5 +34,5 @@ def pool_of(count: int, *assets: Any) -> Iterator[ProcessPoolExecutor]:
 
 def _begin(*assets: Any) -> None:
     for number in ENDS:
-        signal.signal(number, signal.SIG_DFL)  # a fork has the handlers of the program
+        signal.signal(number, signal.SIG_DFL)  # a forked process inherits the program's handlers
     _ASSETS[:] = assets

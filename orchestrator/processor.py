@@ -1,4 +1,4 @@
-"""What computes here: processors differ in the last bit, by which kernels BLAS and the compiler choose for them."""
+"""Identification of the processor and its BLAS and LLVM kernels, which differ in the last bit of results."""
 
 import os
 import platform
@@ -13,18 +13,18 @@ import scipy.linalg  # noqa: F401  (loads SciPy's own BLAS, whose threads are co
 from threadpoolctl import threadpool_info, threadpool_limits
 
 KERNEL_VARIABLES = ("OPENBLAS_CORETYPE", "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES")
-"""By which a user chooses kernels: set before the program starts, they hold for all processes that it starts."""
+"""Environment variables that select kernels; set before the program starts, they apply to all its child processes."""
 
 
 @cache
 def processor() -> dict[str, str]:
-    """Columns of a row that say what computed it: the processor's model, and the kernels of BLAS and LLVM."""
+    """Columns of a row that identify the processor's model and the kernels of BLAS and LLVM."""
     llvm = os.environ.get("NUMBA_CPU_NAME") or llvmlite.binding.get_host_cpu_name()
     return {"cpu": _model(), "kernels": f"BLAS {blas_kernel()}, LLVM {llvm}"}
 
 
 def unlike(kernels: Collection[str]) -> str:
-    """What a run on such kernels should say of itself; nothing where all are alike."""
+    """Warning of a run on different kernels; empty where all are equal."""
     names = sorted({name for name in kernels if name})
     if len(names) < 2:
         return ""
@@ -45,15 +45,15 @@ def _model() -> str:
 
 
 def one_blas_thread() -> None:
-    """Let BLAS compute with one thread in this process, however it was started: with several it may sum otherwise."""
+    """Limit BLAS to one thread in this process: several may sum in a different order."""
     threadpool_limits(1, user_api="blas")
 
 
 def blas_kernel() -> str:
-    """Kernel that NumPy's OpenBLAS has chosen; where NumPy has another library, that library's name."""
+    """Kernel selected by NumPy's OpenBLAS, or the name of another BLAS library."""
     loaded = [one for one in threadpool_info() if one["user_api"] == "blas"]
     for one in sorted(loaded, key=lambda one: "numpy.libs" not in one["filepath"]):
         return str(one.get("architecture") or one["internal_api"])
-    with suppress(KeyError, TypeError):  # one that threadpoolctl does not know, as Apple's
+    with suppress(KeyError, TypeError):  # a library unknown to threadpoolctl, such as Apple's
         return str(np.show_config(mode="dicts")["Build Dependencies"]["blas"]["name"])
     return "unknown"

@@ -1,4 +1,4 @@
-"""How far something is: a bar on a terminal; in a log one line after ten seconds, and one per minute."""
+"""Progress display: a bar on a terminal; in a log one line after ten seconds, and one per minute."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _Item = TypeVar("_Item")
 
 @dataclass
 class Advance:
-    """Counts what is done of a piece of work; called once for each part, which it may be given the name of."""
+    """Counter of the finished parts of a piece of work, called after each part."""
 
     total: float | None
     done: float = 0.0
@@ -34,15 +34,15 @@ class Advance:
     show: Callable[[Advance], object] = lambda _: None
 
     def __call__(self, parts: float = 1, doing: str = "", *, total: float | None = None) -> None:
-        """Take note that so many parts more are done, and of what comes next."""
+        """Add finished parts, and set the name of the next one."""
         self.done += parts
         self.doing = doing or self.doing
         self.total = self.total if total is None else total
         self.show(self)
 
     def line(self, what: str) -> str:
-        """How far the work is, in one line."""
-        counted = f"{self.done:g}" if self.done else ""  # a single piece of work has no parts to count
+        """Progress in one line."""
+        counted = f"{self.done:g}" if self.done else ""  # indivisible work has no count
         of = counted if self.total is None else f"{self.done:g} of {self.total:g}"
         elapsed_s = time.monotonic() - self.began
         parts = [f"{what}: {of}" if of else what, *([self.doing] if self.doing else []), duration(elapsed_s)]
@@ -59,11 +59,11 @@ def bar(
     first_line_s: float = _FIRST_LINE_S,
     line_every_s: float = _LINE_EVERY_S,
 ) -> Iterator[Advance]:
-    """Show on stderr how far a piece of work is, in the way that fits where stderr leads.
+    """Show progress on stderr, as a bar on a terminal or as lines in a log.
 
-    what: named before the numbers.
-    total: parts of the work; None where they are not known.
-    first_line_s: after which a log says that something goes on; what is done sooner says nothing.
+    what: label before the numbers.
+    total: number of parts of the work; None if unknown.
+    first_line_s: time before the first line in a log, s; shorter work logs nothing.
     """
     console = Console(file=terminal_of(sys.stderr))
     advance = Advance(total)
@@ -97,7 +97,7 @@ def bar(
 
 
 def each(items: Iterable[_Item], what: str, total: float | None = None) -> Iterator[_Item]:
-    """Go through items and show how far one is."""
+    """Iterate over items and show the progress."""
     with bar(what, total) as advance:
         for item in items:
             yield item
@@ -106,7 +106,7 @@ def each(items: Iterable[_Item], what: str, total: float | None = None) -> Itera
 
 @contextmanager
 def watcher() -> Iterator[ProgressCallback]:
-    """Show a run on stderr, in the way that fits where stderr leads."""
+    """Show the progress of a run on stderr, as a bar on a terminal or as lines in a log."""
     console = Console(file=terminal_of(sys.stderr))
     if not console.is_terminal:
         yield _lines(console)
@@ -130,7 +130,7 @@ def _lines(console: Console) -> ProgressCallback:
     def watch(progress: RunProgress) -> None:
         nonlocal last, ended, told
         complete = progress.before + progress.done == progress.total and progress.what != ended
-        # The first once it is known how long the rest takes.
+        # The first line waits until the remaining time can be estimated.
         if complete or time.monotonic() - last >= (
             _LINE_EVERY_S if told or not progress.done else _FIRST_LINE_S
         ):
@@ -153,7 +153,7 @@ def pace_and_counts(progress: RunProgress) -> str:
 
 
 def pace(rate_per_s: float) -> str:
-    """Jobs a second as a person reads them, or a minute or an hour where they are fewer.
+    """Format a rate of jobs per second, or per minute or hour if it is low.
 
     Examples
     --------
@@ -167,7 +167,7 @@ def pace(rate_per_s: float) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Seconds as a person reads them.
+    """Format a duration in seconds, minutes or hours.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Recorded motions that a rock is known to have stood: read, told apart, kept in a run."""
+"""Recorded motions that a rock is known to have survived: reading, checks, and storage in a run."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,31 +10,31 @@ from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 
 FOLDER = "stood"
-"""Of a run: the motions that its rock is known to have stood, and their shakes."""
+"""Subfolder of a run with the motions that its rock survived, and their shakes."""
 
 SHAKES = 8
-"""Of each draw with each motion: a draw on which the rock never stands has a seventeenth of the weight of one on which
-it always does."""
+"""Number of shakes per drawn base and motion: a base on which the rock never stands then has 1/17 of the weight of one
+on which it always does."""
 AZIMUTHS_DEG = tuple(360.0 / SHAKES * number for number in range(SHAKES))
-"""To which a motion is turned where nobody knows how its components pointed: every draw feels the same ones."""
+"""Azimuths that a motion with unknown orientation is rotated to, equal for all drawn bases."""
 ENSEMBLES = ("as_recorded", "from_all_sides")
-"""Of motions whose components' azimuths are known, and of the others."""
+"""Folders of the ensembles of motions with known and with unknown orientation."""
 
 
 @dataclass(frozen=True)
 class Recorded:
-    """Motions that the rock is known to have stood."""
+    """Motions that the rock is known to have survived."""
 
     records: tuple[Record, ...]
-    paths: tuple[str, ...]  # as they were given, one per record
+    paths: tuple[str, ...]  # paths as given, one per record
 
     @property
     def identity(self) -> tuple[str, ...]:
-        """All that can change a weight: hashes of the motions, whether they were oriented, and how often they shake."""
+        """All that determines weights: number of shakes, hashes of motions, and whether azimuths are known."""
         return (f"stood {SHAKES}", *sorted(f"{one.sha} {one.north_known}" for one in self.records))
 
     def write(self, folder: Path) -> None:
-        """Write them as ensembles in a folder, by whether their azimuths are known."""
+        """Write the motions to a folder as two ensembles, with known and with unknown azimuths."""
         for name in ENSEMBLES:
             chosen = [one for one in self.records if one.north_known == (name == ENSEMBLES[0])]
             if chosen:
@@ -43,17 +43,17 @@ class Recorded:
 
 
 def ensembles_in(folder: Path) -> list[Path]:
-    """Ensembles that `Recorded.write` wrote."""
+    """Folders of the ensembles written by `Recorded.write`."""
     return [
         folder / name / "ensemble" for name in ENSEMBLES if (folder / name / "ensemble" / CATALOG).exists()
     ]
 
 
 def read_recorded(paths: Sequence[Path]) -> Recorded:
-    """Read motions that a rock is known to have stood.
+    """Read motions that a rock is known to have survived.
 
-    paths: files of records, those of one record's components together, or folders of ensembles.
-    Raises InputError if one cannot be read, holds no record, or is given twice.
+    paths: files of records (all components of a record), or folders of ensembles.
+    Raises InputError if one cannot be read, contains no record, or is given twice.
     """
     found: list[tuple[Record, str]] = []
     files = [path for path in paths if not (path / CATALOG).is_file()]
@@ -68,11 +68,10 @@ def read_recorded(paths: Sequence[Path]) -> Recorded:
 
 
 def check_weighable(scene: Scene, realisations: int, where: str) -> None:
-    """Make sure that there are bases to weigh, and jobs that have them.
+    """Raise InputError if the scene has no drawn bases, or the campaign no realisations that use them.
 
-    realisations: of a campaign, the nominal scene (0) not counted.
-    where: what the messages name.
-    Raises InputError if the scene has no draws of its base, or the campaign no realisations.
+    realisations: number of realisations of the campaign except the nominal scene (0).
+    where: location named in messages.
     """
     if scene.unseen is None:
         raise InputError(

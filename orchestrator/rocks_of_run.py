@@ -1,4 +1,4 @@
-"""What a run's folder says of its rocks: which, where they stand, how they settle, and which do not stand."""
+"""Entries of a run's folder on its rocks: their sites, settling, and those that do not stand."""
 
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,13 +21,13 @@ from toppling.workers.seating import settled
 
 @dataclass(frozen=True)
 class Settlings:
-    """How far a nominal rock settles with each friction of a campaign, or why it does not stand."""
+    """Settling of a nominal rock for each friction of a campaign, or the reason why it does not stand."""
 
-    with_friction: Mapping[tuple[float, float], Settling | InputError]  # static and kinetic
+    with_friction: Mapping[tuple[float, float], Settling | InputError]  # by static and kinetic friction
 
     @classmethod
     def of(cls, campaign: Campaign, scene: Scene) -> "Settlings":
-        """Let the rock settle with each."""
+        """Settle the rock with each friction."""
         found: dict[tuple[float, float], Settling | InputError] = {}
         for static, kinetic in sorted(set(campaign.friction)):
             try:
@@ -45,32 +45,29 @@ class Settlings:
 
     @property
     def problems(self) -> list[InputError]:
-        """Why the rock does not stand."""
+        """Reasons why the rock does not stand."""
         return [one for one in self.with_friction.values() if isinstance(one, InputError)]
 
     @property
     def largest(self) -> Settling | None:
-        """That by which the rock tilts most; None if it stands with no friction."""
+        """Settling with the largest tilt; None if the rock stands with no friction."""
         stands = [one for one in self.with_friction.values() if isinstance(one, Settling)]
         return max(stands, key=lambda one: one.tilt_deg, default=None)
 
     def checked(self) -> Settling | None:
-        """The largest; a rock that does not stand with every friction is refused, else every job would find it out.
-
-        Raises InputError if it does not stand.
-        """
+        """Largest settling; InputError if the rock does not stand with every friction, which every job would repeat."""
         for problem in self.problems:
             raise problem
         return self.largest
 
 
 def settlings_of(plan: Plan) -> list[Settlings]:
-    """How each rock of a plan settles."""
+    """Settling of each rock of a plan."""
     return [Settlings.of(one.campaign, Scene.load(one.campaign.scene)) for one in plan.scenes]
 
 
 def site_in_run(scene: PlannedScene) -> Site:
-    """A rock's row of the table that a run keeps."""
+    """Row of a rock in the run's table of rocks."""
     assert scene.site is not None
     own = None if scene.ensemble_place == "ensemble" else Path(scene.ensemble_place)
     return dataclasses.replace(scene.site, scene=Path(scene.scene_place), ensemble=own, seismograms=None)
@@ -92,9 +89,9 @@ def rows_without_stand(plan: Plan, settlings: Sequence[Settlings]) -> Iterator[d
 
 
 def scene_entries(plan: Plan, settlings: Sequence[Settlings]) -> dict[str, Any]:
-    """What `run.json` says of how rocks settle, and of each of many, of which some may not stand.
+    """Entries of `run.json` on the settling of a single rock, or on each rock of an atlas.
 
-    Raises InputError if the only rock does not stand.
+    Raises InputError if a single rock does not stand.
     """
     largest = [one.largest and one.largest.to_json() for one in settlings]
     if not plan.campaign.sites:

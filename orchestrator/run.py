@@ -1,4 +1,4 @@
-"""A session of a run: its folder held, its stages and its jobs done in turn, its parts merged at the end."""
+"""Session of a run: locks its folder, does its stages and jobs, and merges its parts at the end."""
 
 import logging
 import os
@@ -36,18 +36,18 @@ def run(
     again: Collection[str] = (),
     stages: Sequence[Stage] = (),
 ) -> RunProgress:
-    """Carry a plan out, or go on with it: do what is left of it in its folder, which then holds `results.parquet`.
+    """Execute or resume a plan in a folder, which then contains `results.parquet`.
 
-    A new run begins with a look at how its rocks settle, and with a weighing of bases where the campaign asks for it.
+    A new run first settles its rocks, and weights the bases where the campaign requests it.
 
-    folder: the run's; made if absent.
-    cluster: a client, or what gives one when it is entered, which it is only if there is work.
-    again: statuses whose jobs are done again; what they have counts until there is a newer row.
-    stages: what is done before and after the jobs, the weighing of bases aside.
-    Returns RunProgress: of this session.
+    folder: the run's folder, created if absent.
+    cluster: a client, or a context manager of one, which is entered only if there is work.
+    again: statuses whose jobs are repeated; their old rows are valid until there are newer ones.
+    stages: work before and after the jobs, in addition to the weighting of bases.
+    Returns RunProgress: progress of this session.
 
-    Raises InputError if a rock does not stand, the folder is of another campaign, or workers are unfit for the run.
-    Raises RunError if the run cannot go on; what was done stays.
+    Raises InputError if a rock does not stand, the folder is of another campaign, or workers cannot do the run.
+    Raises RunError if the run cannot continue; stored rows are kept.
     """
     campaign, folder = planned.campaign, folder.absolute()
     ENGINES[campaign.engine].require()
@@ -63,9 +63,9 @@ def run(
         for sentence, fields in remarks(folder):
             log.warning("%s", sentence, extra={"fields": fields})
         try:
-            finished = finished_ids(folder, planned.ids)  # first, as it sets rows of other runs aside
+            finished = finished_ids(folder, planned.ids)  # first, because it sets damaged parts aside
             redo = attempts_with(folder, again) if again else {}
-            if selection is planned:  # a run that was to end with a statement may go on to all of its jobs
+            if selection is planned:  # a run with a target may be resumed for all of its jobs
                 set_jobs(folder, len(planned))
             progress = RunProgress(len(selection), len(finished - redo.keys()), len(redo))
             begun = _Session(planned, folder, notes, selection, redo, progress)
@@ -79,7 +79,7 @@ def run(
 
 @dataclass
 class _Session:
-    """The rows that a run is to have, and what becomes of its folder once they are there."""
+    """Execution of a selection of jobs, and merging of the results."""
 
     planned: Plan
     folder: Path
@@ -96,10 +96,7 @@ class _Session:
         stages: Sequence[Stage],
         finished: set[str],
     ) -> None:
-        """Do what is left, until all rows are there.
-
-        finished: jobs that had rows when the session began.
-        """
+        """Do the remaining work until all rows exist; `finished` are jobs with rows when the session began."""
         planned, folder, selection, progress = self.planned, self.folder, self.selection, self.progress
         first = [one for one in stages if one.before and one.due(planned, folder)]
         last = [one for one in stages if not one.before]
@@ -112,7 +109,7 @@ class _Session:
                 return
         tell("work began", **progress.summary())
         with ExitStack() as until_done:
-            # A client that is handed over stays open.
+            # A client passed by the caller stays open.
             client = until_done.enter_context(
                 nullcontext(cluster) if isinstance(cluster, Client) else cluster
             )
@@ -139,16 +136,16 @@ class _Session:
                     stage.carry_out(work)
 
     def merge(self) -> set[str]:
-        """Merge the parts of a complete run; its finished jobs, of which some lack if a part was cut meanwhile.
+        """Merge the parts of a complete run, and return its finished jobs: fewer than all if a part was damaged.
 
-        The session's notes come first: what `compact` puts into the results tells of this session too.
+        The session's notes are written first, because `compact` includes them in the results.
         """
         progress, folder = self.progress, self.folder
         counts = {"done": progress.done, "status": dict(progress.status), "deaths": progress.deaths}
         ended = {"ended": "complete", **counts}
         note(folder, self.notes | ended)
         if result_files(folder) != [folder / RESULTS_FILE]:
-            with suppress(FileNotFoundError):  # no part is left that can be read
+            with suppress(FileNotFoundError):  # no readable part is left
                 compact(folder)
         finished = finished_ids(folder, self.planned.ids, self.redo)
         if not len(self.selection.pending(finished)):

@@ -1,4 +1,4 @@
-"""A run's folder: everything needed to repeat it, made complete or not at all; one writer at a time."""
+"""Folder of a run: everything needed to repeat it, created atomically, with one writer at a time."""
 
 import contextlib
 import dataclasses
@@ -31,34 +31,34 @@ if TYPE_CHECKING:
 SCHEMA_VERSION = 1
 
 _ASKED = ("audit", "precision", "target")
-"""Keys of a campaign that change how many of its jobs are done, and none of them: a run may go on with others."""
+"""Keys of a campaign that affect the number of jobs done but not the jobs: a run may be resumed with other values."""
 
 KEY_FOLDERS = ".toppling-key-"
-"""How the names of folders begin in which batch jobs find the session's key; a killed session leaves them."""
+"""Prefix of the folders in which batch jobs find the session's key; a killed session leaves them."""
 
 _GOES_ON, _INTERRUPTED = "running", "interrupted"
-"""What `run.json` says of the end of a session before it comes, and where it came too early."""
+"""State of a session in `run.json` during it, and after an interruption."""
 
 _LOCK_PATIENCE_S = 1.0
-"""A writer has the lock for the whole of its session; who has it for less than this only looks."""
+"""Time to wait for the lock, s: a writer holds it for its whole session, a reader only briefly."""
 
 
 def prepare(run: Path, plan: "Plan", versions: dict[str, str]) -> None:
-    """Make the folder of a run, or make sure that an existing one is of this plan.
+    """Create the folder of a run, or check that an existing one belongs to this plan.
 
-    Jobs of rocks that do not stand have their rows from the beginning.
+    Rows of jobs on rocks that do not stand are written immediately.
 
-    Raises InputError if the folder is of another campaign, of other versions, or no run.
+    Raises InputError if the folder is of another campaign, of other versions, or not a run.
     """
     if not (run.exists() or run.is_symlink()):
-        with contextlib.suppress(FileExistsError):  # another session was first: its lock tells of it
+        with contextlib.suppress(FileExistsError):  # another session was first, and holds the lock
             begin(run, plan, versions)
             return
     _check(run, plan, versions)
 
 
 def begin(run: Path, plan: "Plan", versions: dict[str, str]) -> None:
-    """Make the folder of a run."""
+    """Create the folder of a run."""
     from toppling.orchestrator.recorded import FOLDER, ensembles_in
     from toppling.orchestrator.rocks_of_run import (
         rows_without_stand,
@@ -113,7 +113,7 @@ def begin(run: Path, plan: "Plan", versions: dict[str, str]) -> None:
 
 
 def remarks(run: Path) -> list[tuple[str, dict[str, Any]]]:
-    """What is to be known of a run's rocks before its jobs: a sentence each, and what it rests on."""
+    """Remarks on a run's rocks before its jobs: sentences with the entries that they are based on."""
     content = describe(run)
     found = [(f"{one['rock']} is left out: {one['why']}", one) for one in content.get("left_out") or ()]
     for one in content.get("scenes") or [{"settling": content.get("settling")}]:
@@ -127,10 +127,7 @@ def remarks(run: Path) -> list[tuple[str, dict[str, Any]]]:
 
 
 def describe(run: Path) -> dict[str, Any]:
-    """Read `run.json`.
-
-    Raises InputError if the folder is no run, or the file is damaged.
-    """
+    """Read `run.json`; InputError if the folder is not a run, or the file is damaged."""
     try:
         content = digest.read_json(run / "run.json")
     except OSError as error:
@@ -156,9 +153,9 @@ def describe(run: Path) -> dict[str, Any]:
 
 @contextlib.contextmanager
 def session(run: Path) -> Iterator[dict[str, Any]]:
-    """Hold the folder for writing; what the block adds to the session's notes ends up in `run.json`.
+    """Lock the folder for writing; the session's notes, to which the block may add, are written to `run.json`.
 
-    Raises InputError if another process writes to the run, or its file system has no locks to tell.
+    Raises InputError if another process writes to the run, or its file system does not support locks.
     """
     with (run / ".lock").open("a+") as lock:
         try:
@@ -195,7 +192,7 @@ def session(run: Path) -> Iterator[dict[str, Any]]:
 
 
 def note(run: Path, notes: dict[str, Any], *, new: bool = False) -> None:
-    """Write a session's notes, to which the time is added unless they are new, to `run.json`."""
+    """Write a session's notes to `run.json`, with the current time unless they are new."""
     if not new:
         notes["ended_at"] = _now()
     content = describe(run)
@@ -205,22 +202,19 @@ def note(run: Path, notes: dict[str, Any], *, new: bool = False) -> None:
 
 
 def set_jobs(run: Path, jobs: int) -> None:
-    """Write how many jobs the run is to have, where that is another number than before."""
+    """Write the planned number of jobs, if it has changed."""
     content = describe(run)
     if content["jobs"] != jobs:
         digest.write_json(run / "run.json", content | {"jobs": jobs})
 
 
 def ended(notes: dict[str, Any]) -> dict[str, Any]:
-    """Notes of a session that does not go on: one that was killed could not say so itself."""
+    """Notes of a past session, which is marked as interrupted if it did not end by itself."""
     return notes | {"ended": _INTERRUPTED} if notes.get("ended") == _GOES_ON else notes
 
 
 def place_in(run: Path, name: str) -> Path:
-    """Place in a run's folder for what a verb makes of the run.
-
-    Raises InputError if something there is a link: a run may come from a stranger.
-    """
+    """Path in a run's folder for a command's output; InputError if it contains links: a run may be untrusted."""
     path = run / name
     above = [folder for folder in path.parents if run in folder.parents]
     _refuse_links(run, [path, *above, *path.rglob("*"), *run.glob(".*")])
@@ -228,7 +222,7 @@ def place_in(run: Path, name: str) -> Path:
 
 
 def is_running(run: Path) -> bool:
-    """Whether a process writes to the run now, or holds it where it is in a store."""
+    """Whether a process is writing to the run, or has claimed it in an object store."""
     try:
         with (run / ".lock").open() as lock:
             fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
@@ -240,12 +234,12 @@ def is_running(run: Path) -> bool:
 
 
 def _now() -> str:
-    """The time, UTC, to the second."""
+    """Current UTC time to the second."""
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
 def _take(lock: IO[str]) -> None:
-    """Lock for writing; readers who look whether the run goes on hold the lock for an instant, and are waited for."""
+    """Lock for writing; waits for readers that hold the lock briefly to test whether the run is in progress."""
     end = time.monotonic() + _LOCK_PATIENCE_S
     while True:
         try:
@@ -259,7 +253,7 @@ def _take(lock: IO[str]) -> None:
 
 
 def _sweep(run: Path) -> None:
-    """Remove what a killed writer left half written; only the holder of the lock may."""
+    """Remove incomplete files of a killed writer; requires the lock."""
     for left in (*run.glob(".*.tmp"), *(run / PARTS_FOLDER).glob(".*.tmp")):
         left.unlink(missing_ok=True)
     for left in run.glob(f"{KEY_FOLDERS}*"):
@@ -275,7 +269,7 @@ def _check(run: Path, plan: "Plan", versions: dict[str, str]) -> None:
     below = [path for name in folders for path in (run / name).rglob("*")]
     _refuse_links(run, [*(run / name for name in (*files, *folders)), *below])
     run_integrity.check_files(run)
-    # A changed campaign is told first: its versions may differ just because its engine does.
+    # A changed campaign is reported first: versions may differ only because of its engine.
     difference = _campaign_differs(run, plan, content) if content.get("plan_id") != plan.id else ""
     there = content.get("versions", {})
     differing = [
@@ -315,9 +309,9 @@ def _check(run: Path, plan: "Plan", versions: dict[str, str]) -> None:
 
 
 def _copy_known(source: Path, target: Path, names: Iterable[str]) -> None:
-    """Copy the files of a scene or an ensemble, and nothing else that lies beside them, into a run.
+    """Copy only the files of a scene or an ensemble into a run.
 
-    A link there may lead to what has no end, or to what is not to be told.
+    Links are refused: they may lead to endless or confidential files.
     """
     target.mkdir(parents=True)
     for name in names:
@@ -335,13 +329,13 @@ def _copy_known(source: Path, target: Path, names: Iterable[str]) -> None:
 
 
 def _campaign_differs(run: Path, plan: "Plan", described: Mapping[str, Any]) -> str:
-    """In what a campaign differs from the run's; empty where in nothing, or the run's cannot be read."""
+    """Differences between a campaign and that of the run; empty if there are none, or the run's is unreadable."""
     try:
         there = read_toml(run / "campaign.toml")
     except (OSError, InputError):
         return ""
     here = tomllib.loads(plan.campaign.to_toml(stood=there.get("stood", [])))
-    # A value that an earlier version did not write is no difference, except where it has no default.
+    # A key that an earlier version did not write is no difference, unless it has no default.
     unwritten = {field.name for field in dataclasses.fields(plan.campaign) if field.default is None}
     compared = [name for name in {**there, **here} if name in unwritten or (name in there and name in here)]
     differing = [name for name in compared if there.get(name) != here.get(name) and name not in _ASKED]

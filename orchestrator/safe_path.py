@@ -1,7 +1,7 @@
-"""No process that the program starts imports anything from the folder that it happens to be started in.
+"""Prevents child processes from importing modules from the working folder.
 
 Python puts that folder before its own library for `python -c` and `python -m`, by which multiprocessing starts its
-processes, so that a file `signal.py` beside a campaign would be run by every worker.
+processes, so that every worker would execute a file `signal.py` next to a campaign.
 """
 
 import contextlib
@@ -14,12 +14,12 @@ VARIABLE = "PYTHONSAFEPATH"
 
 
 def safe_for_children() -> None:
-    """Let every Python that this process starts leave its working folder alone."""
+    """Exclude the working folder from the import paths of all child processes."""
     os.environ[VARIABLE] = "1"
 
 
 def safe_as_module() -> None:
-    """Take the working folder, which `python -m toppling` begins with, out of the paths of this process and workers."""
+    """Remove the working folder, which `python -m toppling` adds, from the import paths of this process and workers."""
     if sys.flags.safe_path or not sys.path:
         return
     if not sys.path[0] or Path(sys.path[0]).resolve() == Path.cwd():
@@ -28,9 +28,9 @@ def safe_as_module() -> None:
 
 @contextlib.contextmanager
 def without_working_folder() -> Iterator[None]:
-    """Keep the working folder out of the paths that workers are started with; in a notebook it is the first of them.
+    """Exclude the working folder, the first path in a notebook, from the import paths of workers.
 
-    The folder of a program that calls this one stays: workers import that program.
+    The folder of the calling program stays, because workers import that program.
     """
     safe_for_children()
     before = list(sys.path)

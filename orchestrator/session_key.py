@@ -1,6 +1,6 @@
-"""Key and certificate of a cluster of containers, made once in a folder that they share: without them nobody is let in.
+"""Key and certificate for authentication in a cluster of containers, created once in a shared folder.
 
-`python -m toppling.orchestrator.session_key FOLDER` is what the compose file starts first.
+The compose file first runs `python -m toppling.orchestrator.session_key FOLDER`.
 """
 
 import os
@@ -13,7 +13,7 @@ _KEY, _CERTIFICATE = "key.pem", "certificate.pem"
 
 
 def write_key(folder: Path) -> Security:
-    """Write a key and a certificate that it signed, unless they are there, for this account's eyes alone."""
+    """Write a key and a self-signed certificate, readable by this account only, unless they exist."""
     key, certificate = folder / _KEY, folder / _CERTIFICATE
     if not (key.exists() and certificate.exists()):
         made = Security.temporary()

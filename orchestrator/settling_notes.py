@@ -1,4 +1,4 @@
-"""What a large settling means, what to do about it, and the picture that shows it."""
+"""Explanation, remedies and figure for a rock that settles far from its scanned pose."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +14,7 @@ from toppling.workers.seating import settled
 
 _MEANT_FROM_DEG = 1.0
 _MEANT_FROM_SHARE = 0.01
-"""Of the rock's height; from here on a settling is more than an interface that is a little off."""
+"""Displacement from which, like from that tilt, a settling exceeds the error of an interface, as a fraction of height."""
 
 _WHY_A_SCANNED_ROCK_SETTLES = (
     "it was scanned at rest, so one observation contradicts standing: a rim that is not where it seems, another plane "
@@ -28,7 +28,7 @@ _Rose = list[tuple[float, float]]
 
 @dataclass(frozen=True, eq=False)
 class Settled:
-    """A scene as it was scanned and as every job begins."""
+    """A scene as scanned, and after settling, when every job begins."""
 
     scanned: Scene
     stands: Scene
@@ -36,16 +36,13 @@ class Settled:
 
     @classmethod
     def of(cls, scene: Scene) -> "Settled":
-        """Let the rock of a scene settle.
-
-        Raises InputError if it does not stand by itself.
-        """
+        """Settle the rock of a scene; InputError if it does not stand."""
         stands = settled(scene)
         return cls(scene, stands, Settling.between(scene.rock, stands.rock, scene.pedestal.normal))
 
     @property
     def outline_m(self) -> Array:
-        """Corners (k, 3) of the contact's hull as it was scanned; without a scan those of the first pose."""
+        """Corners (k, 3) of the contact's hull as scanned; without a scan, in the initial pose."""
         outline = np.array(self.scanned.report.get("interface", {}).get("outline_m", []), float)
         if len(outline) < 3:
             return support_polygon_m(self.scanned.rock, self.scanned.pedestal)
@@ -53,7 +50,7 @@ class Settled:
 
     @property
     def rose_scanned(self) -> _Rose:
-        """Least constant acceleration that tips the rock over the contact as scanned, by the ground's azimuth."""
+        """Least constant acceleration that topples the rock on the contact as scanned, by the ground's azimuth."""
         outline, scene = self.outline_m, self.scanned
         if len(outline) < 3:
             return scene.quasi_static_toppling_m_s2(_AZIMUTHS_DEG)
@@ -67,13 +64,13 @@ class Settled:
 
     @property
     def is_large(self) -> bool:
-        """Whether it is more than the interface's own error, so that a person should look at it."""
+        """Whether the settling exceeds the interface's error, so that it should be inspected."""
         found = self.settling
         return found.tilt_deg >= _MEANT_FROM_DEG or found.way_m >= _MEANT_FROM_SHARE * found.height_m
 
     @property
     def sentences(self) -> list[str]:
-        """How far the rock settles; where that is far, also what it means and what to do."""
+        """Sentences on the settling, with an explanation and remedies if it is large."""
         ground, rounded = self.scanned.ground, self.scanned.rounded_base
         said = [
             None if ground.is_plane else ground.sentence,
@@ -84,7 +81,7 @@ class Settled:
         sentences = [one for one in said if one]
         if self.settling.sentence and "unseen_base" in self.scanned.report:
             sentences[-1:] = [f"{sentences[-1]}; {_WHY_A_SCANNED_ROCK_SETTLES}"]
-        if not (self.is_large and ground.is_plane):  # what follows is told of one plane
+        if not (self.is_large and ground.is_plane):  # the explanation applies to a plane
             return sentences
         points = len(support_polygon_m(self.stands.rock, self.stands.pedestal))
         before, after = (min(value for _, value in one) for one in (self.rose_scanned, self.rose_stands))
@@ -105,7 +102,7 @@ class Settled:
 
 
 def settling_notes(scene: Scene) -> list[str]:
-    """What a person who looks at a scene should know of how its rock stands: sentences, or none."""
+    """Sentences on how a scene's rock stands, or why it does not."""
     try:
         return Settled.of(scene).sentences
     except InputError as error:
@@ -113,7 +110,7 @@ def settling_notes(scene: Scene) -> list[str]:
 
 
 def draw_settling(scene: Scene, path: Path) -> bool:
-    """Draw scanned and settled contact and both roses, where the rock settles far; whether that was so."""
+    """Draw scanned and settled contact and statics if the settling is large; returns whether it is."""
     try:
         found = Settled.of(scene)
     except InputError:

@@ -1,4 +1,4 @@
-"""Rocks of an atlas and where they stand: the table that a campaign, or `toppling check`, names."""
+"""Table of the rocks of an atlas and their sites, named by a campaign or `toppling check`."""
 
 import csv
 import io
@@ -24,13 +24,13 @@ from toppling.results.hazard.ages import parse_age, unit_years
 
 _SCENE_FILE = "scene.json"
 _LARGEST_BYTES = 10_000_000
-"""Of a table of rocks."""
+"""Largest table of rocks that is read, bytes."""
 _NAME = re.compile(r"[^\W_][\w .+\-'\u2019(),&#]{0,99}")
 _REMARKS = {"comment", "comments", "note", "notes", "remark", "remarks", "description", "reference", "photo"}
-"""Names of columns that are for people alone."""
+"""Names of columns that are ignored, as remarks for readers."""
 _PLACE = ("longitude", "latitude")
 _SHORT = {"lon": "longitude", "long": "longitude", "lat": "latitude"}
-"""Names of columns that people write shorter."""
+"""Abbreviated names of columns."""
 
 
 def _name(given: Any, place: Place) -> str:
@@ -51,7 +51,7 @@ def _age(given: Any, place: Place) -> str:
 
 
 def _longitude(given: Any, place: Place) -> float:
-    """Degrees east from -180 to 180, of those to 360 too."""
+    """Read a longitude from -180 to 360, and return degrees east from -180 to 180."""
     if not documents.is_number(given) or not -180 <= given <= 360:
         raise place.wrong("rocks.value_unusable", documents.shown(given))
     return float(given) - (360.0 if given > 180 else 0.0)
@@ -86,7 +86,7 @@ SITE_KEYS = (
 
 @dataclass(frozen=True)
 class Site:
-    """A rock where it stands; its fields are the columns of :data:`SITE_KEYS`."""
+    """A rock and its site; fields are the columns of :data:`SITE_KEYS`."""
 
     scene: Path
     rock: str
@@ -107,8 +107,7 @@ _no_rocks = refusals(
 def read_sites(given: Path) -> tuple[Site, ...]:
     """Rocks of a table, CSV or TOML (`[[rock]]` for each).
 
-    Raises InputError if a column is unknown, a value out of its range, a rock named twice, or a place stated by
-    half.
+    Raises InputError if a column is unknown, a value out of its range, a rock named twice, or a location incomplete.
     """
     sites = tuple(
         _site(row, f"{given}, rock {count + 1}", given.parent) for count, row in enumerate(_rows(given))
@@ -203,16 +202,13 @@ def _site(row: Mapping[str, Any], where: str, folder: Path) -> Site:
 
 
 def _scene_folder(folder: Path) -> Path:
-    """The folder itself, or the folder `scene` in it where that holds the scene."""
+    """The folder itself, or its subfolder `scene` if only that contains a scene."""
     inner = folder / "scene"
     return inner if not (folder / _SCENE_FILE).exists() and (inner / _SCENE_FILE).exists() else folder
 
 
 def scenes_matching(patterns: Sequence[str], place: Place) -> list[Path]:
-    """Folders of scenes that paths with wildcards name.
-
-    Raises InputError if one names none.
-    """
+    """Folders of scenes that match paths with wildcards; InputError if one matches none."""
     found: dict[Path, None] = {}
     for pattern in patterns:
         root = Path(pattern).anchor
@@ -231,16 +227,16 @@ def scenes_matching(patterns: Sequence[str], place: Place) -> list[Path]:
 
 
 def joined(sites: Sequence[Site], scenes: Iterable[Path], where: str) -> tuple[Site, ...]:
-    """Rocks of a table, and of further scenes that it says nothing of."""
+    """Rocks of a table, and of further scenes that it does not list."""
     known = {site.scene.resolve() for site in sites}
     further = [Site(one, rock_name(one), rock_name(one)) for one in scenes if one.resolve() not in known]
     return _distinct_rocks((*sites, *further), where)
 
 
 def _distinct_rocks(sites: tuple[Site, ...], where: str) -> tuple[Site, ...]:
-    """The rocks, if each name is there once (folders of a file system may not tell capitals apart).
+    """Check that there are rocks with distinct names (ignoring case, as some file systems do), and return them.
 
-    Raises InputError if one is not, or there is no rock.
+    Raises InputError otherwise.
     """
     if not sites:
         raise Place(where).wrong("rocks.empty", "holds no rock", "at least one", "add a row with a scene")
@@ -258,7 +254,7 @@ def _distinct_rocks(sites: tuple[Site, ...], where: str) -> tuple[Site, ...]:
 
 
 def sites_text(sites: Iterable[Site]) -> str:
-    """The table as CSV."""
+    """Table of rocks as CSV."""
     names = [key.name for key in SITE_KEYS]
     text = io.StringIO()
     writer = csv.DictWriter(text, names)
@@ -271,7 +267,7 @@ def sites_text(sites: Iterable[Site]) -> str:
 
 
 def ensemble_folder(site: Site, sites: Sequence[Site]) -> Path | None:
-    """Folder with the records of a rock of its own, imported if need be; None where it has none.
+    """Folder of a rock's own ensemble, imported from its seismograms if necessary; None without own records.
 
     Raises InputError if none of the seismograms can be read, or none is of the rock's site.
     """
@@ -287,7 +283,7 @@ def _shared(site: Site, sites: Sequence[Site]) -> bool:
 
 
 _IMPORTED: list[tempfile.TemporaryDirectory] = []
-"""Folders that last as long as the process."""
+"""Temporary folders, deleted at the end of the process."""
 
 
 @cache
@@ -300,10 +296,7 @@ def _imported(source: Path, station: str | None) -> Path:
 
 @lru_cache(maxsize=1)
 def seismograms_in(source: Path) -> tuple[Record, ...]:
-    """Records of a file, a folder of files, or an ensemble.
-
-    Raises InputError if there is none.
-    """
+    """Records of a file, a folder of files, or an ensemble; InputError if there are none."""
     from toppling.models.motions.importing import ImportOptions, import_records, record_files
 
     if (source / CATALOG).is_file():
@@ -320,10 +313,7 @@ def seismograms_in(source: Path) -> tuple[Record, ...]:
 
 
 def _of_station(records: Iterable[Record], station: str | None, source: Path) -> list[Record]:
-    """Records of a station; all where none is asked for.
-
-    Raises InputError if there is none of it.
-    """
+    """Records of a station, or all if no station is given; InputError if there are none."""
     chosen = [one for one in records if station is None or one.station.casefold() == station.casefold()]
     if not chosen:
         there = ", ".join(sorted({one.station or "(none)" for one in records})[:5])

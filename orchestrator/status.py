@@ -1,4 +1,4 @@
-"""The state of a run, read from its folder alone: works while it runs, after it, and on a copy."""
+"""State of a run, read only from its folder: during the run, after it, and from a copy."""
 
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -24,7 +24,7 @@ _COLUMNS = ["job_id", "record_id", "status", "toppled", "message", "attempt", "f
 
 @dataclass(frozen=True)
 class Share:
-    """Answered jobs of one level, and how many of them toppled."""
+    """Numbers of answered and of toppled jobs of a level."""
 
     level_m_s2: float
     jobs: int
@@ -32,15 +32,12 @@ class Share:
 
     @property
     def share(self) -> float:
-        """Share that toppled."""
+        """Fraction toppled."""
         return self.toppled / self.jobs
 
 
 def state_of(run: Path) -> dict[str, Any]:
-    """Count a run's rows and failures, and measure its rate.
-
-    Raises InputError if the folder is no run.
-    """
+    """Counts of a run's rows and failures, and its rate; InputError if the folder is not a run."""
     described = describe(run)
     rows = read_steady([run], lambda: newest_rows(result_files(run), _COLUMNS))
     jobs, stored = described["jobs"], len(rows)
@@ -60,14 +57,14 @@ def state_of(run: Path) -> dict[str, Any]:
     state["audit"], state["audit_sentences"] = _audited(run)
     state["stood"], state["stood_sentences"] = _weighted(run)
     state["statements"], state["statement_sentences"] = _stated(run)
-    # What is to be done again has a row, so that the rows do not tell what work is left.
+    # Jobs to repeat have rows, so the number of rows does not give the remaining work.
     if running and stored < jobs and not state["again"]:
         state["rate_per_s"], state["left_s"] = _pace(rows, jobs)
     return state
 
 
 def _audited(run: Path) -> tuple[dict[str, Any], list[str]]:
-    """What a run's audits say, as numbers and as sentences; a run without any needs no statistics."""
+    """Results of a run's audits, as JSON and as sentences; statistics are imported only if there are any."""
     if not (run / AUDIT_FOLDER).is_dir():
         return {}, []
     from toppling.results.analysis.audit_statistics import audits_json, audits_of
@@ -78,7 +75,7 @@ def _audited(run: Path) -> tuple[dict[str, Any], list[str]]:
 
 
 def _stated(run: Path) -> tuple[list[dict[str, Any]], list[str]]:
-    """What a run that was asked for a precision states so far."""
+    """Statements so far of a run with a target, as JSON and as sentences."""
     if not (run / STATEMENT_FILE).exists():
         return [], []
     from toppling.results.precision.statement import sentences as sentences_of
@@ -89,7 +86,7 @@ def _stated(run: Path) -> tuple[list[dict[str, Any]], list[str]]:
 
 
 def _weighted(run: Path) -> tuple[dict[str, Any], list[str]]:
-    """What the weights of a run's bases say, once they are known."""
+    """Summary of the weights of a run's bases, as JSON and as sentences."""
     if not (run / WEIGHTS_FILE).exists():
         return {}, ["The bases are not weighted yet"] if are_due(run) else []
     columns = ["job_id", *CONTACT, "base", "attempt"]
@@ -99,7 +96,7 @@ def _weighted(run: Path) -> tuple[dict[str, Any], list[str]]:
 
 
 def shares_of(run: Path) -> list[Share]:
-    """Jobs with an answer and topplings of a run by its levels."""
+    """Answered jobs and topplings of a run at each level."""
     columns = ["job_id", "level_pga_m_s2", "toppled", "attempt"]
     rows = read_steady([run], lambda: newest_rows(result_files(run), columns))
     answered = rows.filter(pc.is_valid(rows["toppled"]))
@@ -109,7 +106,7 @@ def shares_of(run: Path) -> list[Share]:
 
 
 def _failures(rows: pa.Table) -> list[dict[str, Any]]:
-    """The most frequent reasons of failed jobs, each with its number of jobs and one of them."""
+    """Most frequent reasons of failures, with the number of jobs and an example of each."""
     grouped = rows.group_by(["status", "message"], use_threads=False)
     reasons = grouped.aggregate([("job_id", "count"), ("job_id", "first"), ("record_id", "first")])
     reasons = reasons.sort_by([("job_id_count", "descending"), ("job_id_first", "ascending")])
@@ -118,7 +115,7 @@ def _failures(rows: pa.Table) -> list[dict[str, Any]]:
 
 
 def _pace(rows: pa.Table, jobs: int) -> tuple[float | None, float | None]:
-    """Jobs a second in the last minute of stored rows, and the time left at that rate."""
+    """Jobs per second in the last minute of stored rows, and the time left at that rate, s."""
     last = pc.max(rows["finished_at"]).as_py()
     if last is None or datetime.now(UTC) - last > 10 * _WINDOW:
         return None, None

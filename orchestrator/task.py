@@ -1,4 +1,4 @@
-"""What a worker does: load the run's scene and ensemble once, then shake one job after another."""
+"""Tasks of a worker: load a run's scene and ensemble once, then shake job after job."""
 
 import asyncio
 import logging
@@ -34,16 +34,16 @@ from toppling.workers.shake import compile_once
 log = logging.getLogger(__name__)
 
 _ONE_AT_A_TIME = threading.Lock()
-"""The engine is one per process; on a cluster whose workers have several threads, jobs must queue for it."""
+"""Lock of the engine, which is single per process: jobs of workers with several threads must wait for it."""
 
 Row = dict[str, Any]
 
 
 class UnfitWorkerError(RuntimeError):
-    """A worker of another version, or one that has no way to the run's scene and ensemble.
+    """A worker has other versions, or no access to the run's scene and ensemble.
 
-    what: why.
-    worker: the worker's address in the cluster.
+    what: reason.
+    worker: address of the worker in the cluster.
     """
 
     def __init__(self, what: str, worker: str | None = None) -> None:
@@ -56,21 +56,21 @@ class UnfitWorkerError(RuntimeError):
 
 @dataclass(frozen=True)
 class RunKey:
-    """What a worker must find before it does jobs of a run."""
+    """Assets and versions that a worker must have before it does jobs of a run."""
 
-    # The run's folder; a host that does not see it is sent what it needs (`orchestrator.delivery`).
+    # The run's folder; hosts without access to it receive its content (`orchestrator.delivery`).
     folder: str
-    # Hashes of what must lie in it.
+    # Hashes of the required content.
     scene_id: str
     ensemble_id: str
-    versions: tuple[tuple[str, str], ...]  # as `versions` gives them on the client
-    # Where they lie in it.
+    versions: tuple[tuple[str, str], ...]  # result of `versions` on the client
+    # Paths of scene and ensemble in the run's folder.
     scene_place: str = "scene"
     ensemble_place: str = "ensemble"
 
 
 def versions(*engines: str) -> tuple[tuple[str, str], ...]:
-    """Versions of all that decides an answer, on this machine; of more engines than the default one if named."""
+    """Versions of all that determines results on this machine, including engines given besides the default one."""
     names = dict.fromkeys(["toppling", DEFAULT, "numpy", "numba", "scipy", "trimesh", *engines])
     packages = tuple((name, _version(name)) for name in names)
     return (
@@ -89,15 +89,15 @@ def _version(name: str) -> str:
 
 
 ROCKS_KEPT = 2
-"""By a worker of an atlas: the one at hand, and the one before it, of which a batch may come back."""
+"""Number of rocks of an atlas that a worker caches: the current one, and the previous one for late batches."""
 
 
 @lru_cache(maxsize=ROCKS_KEPT)
 def _assets_of(run_key: RunKey) -> Assets:
-    """Load a scene and its ensemble, verified by their hashes, once as long as the process shakes that rock.
+    """Load a scene and its ensemble, verified by their hashes and cached while the process shakes that rock.
 
-    Raises UnfitWorkerError if the versions differ, or the folder cannot be read or holds something else.
-    Raises NotDeliveredError if this host sees no such folder, and the client has not offered it.
+    Raises UnfitWorkerError if the versions differ, or the folder is unreadable or has other content.
+    Raises NotDeliveredError if this host has no access to the folder, and its content was not delivered.
     """
     _check_versions(run_key.versions)
     folder = Path(run_key.folder)
@@ -118,12 +118,12 @@ def _check_versions(there: tuple[tuple[str, str], ...]) -> None:
 
 @lru_cache(maxsize=1)
 def _ensemble(content_id: str, folder: Path) -> Ensemble:
-    """Rocks of an atlas mostly share one, whose last records stay in memory."""
+    """Load an ensemble; rocks of an atlas mostly have a common one, whose last records stay cached."""
     return _loaded("ensemble", Ensemble.load, content_id, folder)
 
 
 def _loaded(what: str, load: Callable[[Path], Any], content_id: str, shared: Path) -> Any:
-    """A run's scene or ensemble: as this host sees it on the client's disk, or else as the client sends it."""
+    """Load a run's scene or ensemble from the shared folder, or else from delivered content."""
     found, why = _tried(what, load, content_id, shared)
     if found is not None:
         return found
@@ -139,7 +139,7 @@ def _loaded(what: str, load: Callable[[Path], Any], content_id: str, shared: Pat
 
 
 def _tried(what: str, load: Callable[[Path], Any], content_id: str, folder: Path) -> tuple[Any, str]:
-    """What a folder holds, or why it is not what has that id."""
+    """Load a folder's content, or give the reason why it does not have the expected id."""
     try:
         found = load(folder)
     except (InputError, OSError) as error:
@@ -151,14 +151,14 @@ def _tried(what: str, load: Callable[[Path], Any], content_id: str, folder: Path
 
 
 def shake_batch(run_key: RunKey, settings: Mapping[str, Any], jobs: pa.Table, budget_s: float) -> pa.Table:
-    """Rows of the first jobs of a batch: of one at least, of more until the time is used up.
+    """Shake the first jobs of a batch, one or more, until the time budget is used up, and return their rows.
 
-    Time decides only how many jobs are done in this go, never an answer; the rest goes back to the client.
+    Time affects only the number of jobs done, never a result; the client resubmits the remaining ones.
 
-    settings: what the specifications of all jobs have in common (`Campaign.settings`).
-    jobs: as `Plan.batch`.
-    Returns pa.Table: under `SCHEMA`.
-    Raises UnfitWorkerError if the machine refuses it a file, or the worker makes other ids of the jobs.
+    settings: fields common to the specifications of all jobs (`Campaign.settings`).
+    jobs: table from `Plan.batch`.
+    Returns pa.Table: with `SCHEMA`.
+    Raises UnfitWorkerError on errors of files, or if the worker computes other job ids.
     Raises as :func:`_assets_of`.
     """
     assets = _assets_of(run_key)
@@ -172,9 +172,9 @@ def shake_batch(run_key: RunKey, settings: Mapping[str, Any], jobs: pa.Table, bu
         with _ONE_AT_A_TIME:
             try:
                 row = run_job(spec, assets)
-            except OSError as error:  # its disk or a limit: another worker may have an answer
+            except OSError as error:  # a disk or a limit of this machine: another worker may succeed
                 raise _unfit(f"cannot work ({error})") from None
-            except Exception as error:  # a job's failure is a row, never a lost run
+            except Exception as error:  # a failed job is a row, and must not stop the run
                 log.exception("job %s failed", spec.job_id)
                 row = lost_row(spec, "failed", f"{type(error).__name__}: {error}")
         rows.append({**row, **processor(), "worker": _name(), "finished_at": datetime.now(UTC)})
@@ -184,9 +184,9 @@ def shake_batch(run_key: RunKey, settings: Mapping[str, Any], jobs: pa.Table, bu
 
 
 async def check(run_key: RunKey) -> str:
-    """Load the run's assets, or say why that cannot be done here; returns the kernels that compute here.
+    """Load the run's assets, and return the name of this machine's kernels.
 
-    In a thread of its own: a worker that compiles, or waits for what is sent to it, stays in touch with its scheduler.
+    In a separate thread, so that a worker that compiles or waits stays connected to its scheduler.
 
     Raises
     ------
@@ -194,13 +194,13 @@ async def check(run_key: RunKey) -> str:
         As :func:`_assets_of`.
     """
     one_blas_thread()
-    pa.set_memory_pool(pa.system_memory_pool())  # Arrow's own keeps 50 MB of what reading records took
+    pa.set_memory_pool(pa.system_memory_pool())  # Arrow's pool would retain 50 MB after reading records
     await asyncio.to_thread(_assets_of, run_key)
     return processor()["kernels"]
 
 
 def lost_row(spec: JobSpec, status: str, message: str) -> Row:
-    """Row of a job that has no answer."""
+    """Row of a job without an answer."""
     return {**identity(spec), "status": status, "message": message}
 
 
@@ -209,7 +209,7 @@ def _unfit(what: str) -> UnfitWorkerError:
 
 
 def _address() -> str | None:
-    """Of the worker whose task this is; None outside of one."""
+    """Address of the current worker; None outside of a task."""
     try:
         return get_worker().address
     except ValueError:

@@ -1,6 +1,6 @@
-"""What reaches a terminal: text without the escape sequences and control characters that files and names may hold.
+"""Removal of escape sequences and control characters of files and names from terminal output.
 
-They would move the cursor, hide a line, change the window's title, or have the terminal answer as if typed.
+They could move the cursor, hide lines, change the window's title, or make the terminal send input.
 """
 
 import io
@@ -11,16 +11,16 @@ from contextlib import contextmanager
 from typing import Any, TextIO
 
 _CONTROL = re.compile(
-    r"\x1b\[[0-?]*[ -/]*[@-~]|\x9b[0-?]*[ -/]*[@-~]"  # a sequence with numbers: colours, places of the cursor
+    r"\x1b\[[0-?]*[ -/]*[@-~]|\x9b[0-?]*[ -/]*[@-~]"  # control sequences: colours, cursor positions
     r"|(?:\x1b[]PX^_]|[\x90\x98\x9d-\x9f])[^\x07\x1b\x9c\n]*(?:\x07|\x1b\\|\x9c)"  # a string, such as a title
     r"|\x1b[ -/]*[0-~]"
     r"|\r(?!\n)|[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f]"
 )
-"""ECMA-48: sequences, control strings, and what is left of either."""
+"""Pattern of ECMA-48 escape sequences, control strings, and single control characters."""
 
 
 def plain_text(text: str) -> str:
-    """Text without escape sequences and control characters other than tabs and ends of lines.
+    """Remove escape sequences, and control characters other than tabs and line ends.
 
     Examples
     --------
@@ -31,11 +31,11 @@ def plain_text(text: str) -> str:
 
 
 _HELD: list[TextIO] = []
-"""Streams that log handlers may write to until the end; one that is given up closes the terminal's own."""
+"""Wrapped streams, kept alive for log handlers: a collected wrapper would close the terminal's stream."""
 
 
 class _Plain(io.TextIOWrapper):
-    """A stream of plain text; a bar of progress, which moves the cursor, is drawn on `terminal`."""
+    """Stream that filters its text; progress bars, which move the cursor, use the underlying `terminal`."""
 
     terminal: TextIO
 
@@ -46,7 +46,7 @@ class _Plain(io.TextIOWrapper):
 
 @contextmanager
 def plain_streams() -> Iterator[None]:
-    """Have all that is printed, logged or warned of while the block runs be plain text."""
+    """Filter all output, logs and warnings within the block."""
     before = {name: getattr(sys, name) for name in ("stdout", "stderr")}
     for name, stream in before.items():
         if isinstance(stream, io.TextIOWrapper):
@@ -67,5 +67,5 @@ def plain_streams() -> Iterator[None]:
 
 
 def terminal_of(stream: Any) -> Any:
-    """The terminal itself below a stream of plain text; any other stream as it is."""
+    """Underlying terminal of a filtered stream; any other stream unchanged."""
     return getattr(stream, "terminal", stream)

@@ -1,4 +1,4 @@
-"""A worker process of this machine: it is told its scheduler on standard input, and ends when that closes."""
+"""Local worker process, which reads its configuration on standard input and ends when that is closed."""
 
 import asyncio
 import json
@@ -38,7 +38,7 @@ def _shake() -> None:
 
 
 def _end_with_the_program() -> None:
-    """A job may keep the other thread busy for minutes."""
+    """Exit when standard input is closed, although a job may keep the other thread busy for minutes."""
     sys.stdin.read()
     os._exit(0)
 

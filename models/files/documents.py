@@ -54,6 +54,21 @@ def listed(names: Sequence[str], most: int) -> str:
     return ", ".join(names[:most]) + more
 
 
+_FOLDERS = re.compile(r"""(?<![^\s"'(=])(?:/[^/\s"']+)+/(?=[^/\s"']+/[^/\s"']+)""")
+"""Of an absolute path, all folders before the last."""
+
+
+def without_machine(document: dict[str, Any]) -> dict[str, Any]:
+    """A document for others, whose absolute paths begin at the last folder: where that lies says nothing to them.
+
+    Examples
+    --------
+    >>> without_machine({"file": "/home/me/hazard/tree/mean.csv", "unit": "m/s"})
+    {'file': 'tree/mean.csv', 'unit': 'm/s'}
+    """
+    return json.loads(_FOLDERS.sub("", json.dumps(document)))
+
+
 _no_json = refusals(expected="a JSON object, as it was written", remedy=_CORRECT)
 
 

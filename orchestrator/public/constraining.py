@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from toppling.models.errors import UsageError
+from toppling.models.files.documents import without_machine
 from toppling.orchestrator.public import rocks as asked_rocks
 from toppling.orchestrator.public import unseen
 from toppling.orchestrator.public.by_events import judged_by_events
@@ -114,7 +115,8 @@ class RockStatement:
         choices : dict or None
             Noted in the statement, for who files it.
         """
-        return self._write(Path(out), self.content | ({"choices": choices} if choices else {}))
+        stated = self.content | ({"choices": choices} if choices else {})
+        return self._write(Path(out), without_machine(stated))
 
 
 def constrain(

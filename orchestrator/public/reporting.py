@@ -8,6 +8,7 @@ from pathlib import Path
 import pyarrow as pa
 
 from toppling.models.errors import UsageError
+from toppling.models.files.documents import without_machine
 from toppling.models.files.folder import write_text
 from toppling.orchestrator.public import unseen
 from toppling.orchestrator.run_folder import place_in
@@ -111,7 +112,7 @@ def report(
         content = Content(opened, samples, years, age_given(age or ""), tree)
         text = report_page(content, lambda title: advance(doing=f"after {title}"))
     page = write_text(text, target)
-    write_text(json.dumps(provenance(opened), indent=1), target.with_suffix(".json"))
+    write_text(json.dumps(without_machine(provenance(opened)), indent=1), target.with_suffix(".json"))
     return Report(page, write_pdf(text, target.with_suffix(".pdf")) if pdf else None)
 
 

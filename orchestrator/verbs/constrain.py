@@ -9,6 +9,7 @@ from typing import Any
 
 import click
 
+from toppling.models.files.documents import without_machine
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.public.constraining import constrain as state
 from toppling.orchestrator.public.hazard_question import Dates, EventOptions
@@ -42,7 +43,7 @@ from toppling.orchestrator.verbs.shared_options import of, option
 )  # fmt: skip
 @option(
     "--out", type=shared.FOLDER,
-    help="Folder for page, statement (JSON), tables, figures, and the hazard as OpenQuake's realisations.",
+    help="Folder for page, statement (JSON), tables, figures, and the hazard as OpenQuake's realisations (zipped).",
 )  # fmt: skip
 @shared.json_option()
 def constrain(
@@ -84,7 +85,7 @@ def constrain(
         count = stated.write(out, content["choices"])
         if not as_json:
             click.echo(f"{out}: {count} files, of which {stated.page} is the page", err=True)
-    click.echo(json.dumps(content, indent=1, allow_nan=False) if as_json else stated.text)
+    click.echo(json.dumps(without_machine(content), indent=1, allow_nan=False) if as_json else stated.text)
 
 
 def _choices(rocks: Sequence[Path], hazard_files: Sequence[Path]) -> dict[str, Any]:

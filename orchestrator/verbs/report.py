@@ -27,8 +27,8 @@ def report(
 ) -> None:
     """Write a report on RUN as one HTML page that needs no network and can be attached to a paper.
 
-    Its first page has the answer, its interval with what that comes from, and one picture. Then come scene, records,
-    maps, fits, constraint, failures, accuracy, and methods to copy. A JSON file beside it has ids, versions, campaign
+    Its first page has the answer, its curve, its interval with what that comes from, and what would change it. Then
+    come scene, records, maps, fits, constraint, jobs, and methods. A JSON file beside it has ids, versions, campaign
     and the meaning of every column. Of a campaign of many rocks it shows all side by side, as 'toppling atlas' does.
 
     \b

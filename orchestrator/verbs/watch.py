@@ -26,7 +26,7 @@ from toppling.orchestrator.status import state_of
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import browsing_options, served
 from toppling.results.analysis.fits import FEW_TOPPLED, HEADLINE_MEASURE, curve_over
-from toppling.results.analysis.fragility import PLANES, by_contact, cells, contact_words
+from toppling.results.analysis.fragility import by_contact, cells, contact_words, planes_of
 from toppling.results.drawing.sentences import what_topples
 from toppling.results.drawing.watch_page import PAGE, WAITING
 from toppling.results.reader import Run, open_run
@@ -92,7 +92,7 @@ def _headline(run: Run, jobs: pd.DataFrame, among: pd.DataFrame) -> str:
 
 def _map(name: str, jobs: pd.DataFrame) -> dict[str, Any]:
     """Cells of PGA and PGV/PGA of one contact, as places in a grid."""
-    table = cells(jobs, PLANES["pga_pgv_pga"])
+    table = cells(jobs, planes_of(jobs)["pga_pgv_pga"])
     pulses = sorted(set(zip(table["pgv_pga_s_low"], table["pgv_pga_s_high"], strict=True)))
     levels = sorted(table["level_pga_m_s2"].unique())
     placed = [
@@ -100,6 +100,7 @@ def _map(name: str, jobs: pd.DataFrame) -> dict[str, Any]:
             "column": pulses.index((row["pgv_pga_s_low"], row["pgv_pga_s_high"])),
             "row": levels.index(row["level_pga_m_s2"]),
             "jobs": int(row["jobs"]),
+            "thin": bool(row["thin"]),
             "toppled": int(row["toppled"]),
             "probability": float(row["probability"]) if row["jobs"] else None,
         }

@@ -57,13 +57,11 @@ class Axis:
 
 @dataclass(frozen=True)
 class Plane:
-    """Plane of a map: two axes, and the jobs that a cell's width is a fraction of."""
+    """Plane of a map."""
 
     name: str  # stem of the file names
     x: Axis
     y: Axis
-    # Axis column within whose bins the fractions of jobs add up to 1; None for fractions of all jobs.
-    share_within: str | None
     by_direction: bool = False  # whether the plane is also drawn by direction of the shaking
 
 
@@ -75,10 +73,10 @@ DURATION = Axis("duration_energy_s", "duration", "s", 5.0)
 PLANES = {
     plane.name: plane
     for plane in (
-        Plane("pga_pgv_pga", PULSE, LEVEL, "level_pga_m_s2", by_direction=True),
-        Plane("pga_pgv", LEVEL, PGV, "level_pga_m_s2", by_direction=True),
-        Plane("pgv_duration", replace(DURATION, below=30.0), replace(PGV, below=3.0), None),
-        Plane("pga_duration", DURATION, LEVEL, "level_pga_m_s2"),
+        Plane("pga_pgv_pga", PULSE, LEVEL, by_direction=True),
+        Plane("pga_pgv", LEVEL, PGV, by_direction=True),
+        Plane("pgv_duration", replace(DURATION, below=30.0), replace(PGV, below=3.0)),
+        Plane("pga_duration", DURATION, LEVEL),
     )
 }
 """The planes of Veeraraghavan, Hudnut and Krishnan's figures 6, 9, 10a and 10b."""
@@ -90,7 +88,10 @@ _MOST_LEVELS = 40
 
 
 def planes_of(frame: pd.DataFrame) -> dict[str, Plane]:
-    """Planes by name; those whose bounds would exclude more than `FEW_BEYOND` of the jobs are unbounded."""
+    """Planes by name, with bins wide enough for the records.
+
+    Those whose bounds would exclude more than `FEW_BEYOND` of the jobs are unbounded.
+    """
     of_levels = replace(LEVEL, width=1.0 if frame[LEVEL.column].nunique() > _MOST_LEVELS else None)
     planes = {
         name: replace(
@@ -101,7 +102,27 @@ def planes_of(frame: pd.DataFrame) -> dict[str, Plane]:
     for name, plane in planes.items():
         if beyond(frame, plane) > FEW_BEYOND * len(frame):
             planes[name] = replace(plane, x=replace(plane.x, below=None), y=replace(plane.y, below=None))
-    return planes
+    return {name: _coarse_enough(frame, plane) for name, plane in planes.items()}
+
+
+def _coarse_enough(frame: pd.DataFrame, plane: Plane) -> Plane:
+    """A plane whose bins are doubled until half of the jobs lie in cells that are not thin, if they can be."""
+    coarse = plane
+    while True:
+        table = cells(frame, coarse)
+        if 2 * table.loc[~table["thin"], "jobs"].sum() >= table["jobs"].sum():
+            return coarse
+        wider = replace(coarse, x=_doubled(coarse.x, table), y=_doubled(coarse.y, table))
+        if wider == coarse:
+            return plane
+        coarse = wider
+
+
+def _doubled(axis: Axis, table: pd.DataFrame) -> Axis:
+    """An axis with bins of twice the width, if it has more than one bin."""
+    if axis.width is None or table[f"{axis.column}_high"].max() <= axis.width:
+        return axis
+    return replace(axis, width=2.0 * axis.width)
 
 
 def direction_bin_deg(azimuth_deg: Iterable[float], bins: int = DIRECTION_BINS) -> Array:
@@ -120,8 +141,7 @@ def cells(frame: pd.DataFrame, plane: Plane) -> pd.DataFrame:
 
     frame: rows of results, all of one contact (`by_contact`).
     Returns DataFrame: one row per cell: low and high value on both axes (and the level, where there are levels), jobs
-    with an answer, no_answer, records, toppled, probability, wilson_low and wilson_high (95 %), share (fraction of the
-    jobs, see `Plane`), thin.
+    with an answer, no_answer, records, toppled, probability, wilson_low and wilson_high (95 %), thin.
     """
     jobs = frame.loc[_below(frame, plane.x) & _below(frame, plane.y)]
     x, y = _edges(jobs[plane.x.column], plane.x), _edges(jobs[plane.y.column], plane.y)
@@ -144,8 +164,6 @@ def cells(frame: pd.DataFrame, plane: Plane) -> pd.DataFrame:
     counts[_WEIGHTS] = grouped[_WEIGHTS].sum()
     counts["effective"] = effective_records(binned[binned["answered"]], ["x", "y"])
     counts = counts.fillna({"effective": 0.0}).reset_index()
-    pool = {None: None, plane.x.column: "x", plane.y.column: "y"}[plane.share_within]
-    total = counts.groupby(pool)["weight"].transform("sum") if pool else counts["weight"].sum()
     table = pd.DataFrame(
         {
             **_bounds(plane.x, jobs[plane.x.column], x, counts["x"]),
@@ -161,7 +179,6 @@ def cells(frame: pd.DataFrame, plane: Plane) -> pd.DataFrame:
     )
     table["probability"] = probability
     table["wilson_low"], table["wilson_high"] = wilson(probability, counts["effective"])
-    table["share"] = counts["weight"] / total
     table["thin"] = counts["effective"] < THIN_RECORDS
     return table
 

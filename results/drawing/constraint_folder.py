@@ -3,12 +3,14 @@
 import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
+from zipfile import ZIP_DEFLATED, ZipFile
 
 import pandas as pd
 
 from toppling.models.files.csv_text import write_csv
-from toppling.models.files.folder import write_text
+from toppling.models.files.folder import new_file, write_text
 from toppling.results.analysis.constraint import Constraint
 from toppling.results.analysis.exchange import write_curves
 from toppling.results.drawing.report.constraint_page import (
@@ -22,8 +24,8 @@ from toppling.results.drawing.style import save
 from toppling.results.hazard.export import write_openquake
 from toppling.results.hazard.update import Update
 
-_OF_EVENTS = ("measure", "source", "events", "years_of_each_branch", "hazard_ratio")
-"""Keys of a statement that describe its set of events."""
+_TABLES = ("branches", "updated", "changes")
+"""Tables that are written as separate files; the statement contains all tables."""
 
 
 def write_constraint(
@@ -56,41 +58,24 @@ def _hazard_after(update: Update, folder: Path, ratio: float) -> Iterator[Path]:
     """Write the hazard with its posterior weights, if it has these and coordinates of its sites."""
     placed = all(update.events.sites[rock.site].place for rock in update.rocks)
     if placed and len(update.events.branches) > 1 and update.posterior is not None:
-        yield from write_openquake(update, folder / "openquake", ratio)
+        target = folder / "openquake.zip"
+        with (
+            TemporaryDirectory() as made,
+            new_file(target) as hidden,
+            ZipFile(hidden, "w", ZIP_DEFLATED) as archive,
+        ):
+            for one in write_openquake(update, Path(made), ratio):
+                archive.write(one, one.name)
+        yield target
 
 
 def _write(
     statement: dict[str, Any], tables: dict[str, pd.DataFrame], drawings: Sequence[Drawing], folder: Path
 ) -> Iterator[Path]:
     yield write_text(json.dumps(statement, indent=1, allow_nan=False) + "\n", folder / "constraint.json")
-    for name, table in (tables | {"choices": _choices_table(statement)}).items():
-        yield write_csv(table, folder / f"{name}.csv")
+    for name in _TABLES:
+        if name in tables:
+            yield write_csv(tables[name], folder / f"{name}.csv")
     for one in drawings:
         yield from save(one.draw(one.width_in), folder / one.stem, unfinished(statement))
     yield write_text(constraint_page(statement, drawings), folder / "constraint.html")
-
-
-def _choices_table(statement: dict[str, Any]) -> pd.DataFrame:
-    """Table of all options, input files and branch weights behind a statement, for archiving."""
-    choices = statement.get("choices", {})
-    rows = [("program", "", choices.get("program", ""))]
-    rows += [("option", name, json.dumps(value)) for name, value in choices.get("options", {}).items()]
-    events = {name: statement[name] for name in _OF_EVENTS if name in statement}
-    rows += [
-        ("hazard", name, json.dumps(value))
-        for name, value in statement.get("hazard", events).items()
-        if name != "files"
-    ]
-    rows += [("rock", rock["name"], _fragility(rock)) for rock in statement["rocks"]]
-    rows += [
-        ("branch", branch["name"], f"weight {branch['prior_weight']:.6g}")
-        for branch in statement.get("branches", ())
-    ]
-    rows += [("file", one["path"], f"sha256 {one['sha256']}") for one in choices.get("files", ())]
-    return pd.DataFrame(rows, columns=["kind", "name", "value"])
-
-
-def _fragility(rock: dict[str, Any]) -> str:
-    if "median" in rock:
-        return f"median {rock['median']:.6g}, beta {rock['beta']:.6g}"
-    return f"probit {', '.join(f'{value:.6g}' for value in rock['coefficients'])}"

@@ -14,7 +14,7 @@ from toppling.results.weights import sentences
 _MOST_NAMED = 6
 """Maximum number of branches that are listed individually."""
 
-_LARGEST_FACTOR = 1e3
+LARGEST_FACTOR = 1e3
 """Largest scale factor of motions or rates that is reported; beyond it any factor is allowed for practical purposes."""
 
 _LEAST_SHARE = 5e-4
@@ -131,7 +131,7 @@ def _allowed(statement: dict[str, Any]) -> str:
 
 
 def _with_ends(row: dict[str, Any], name: str) -> str:
-    value = "any factor" if row[name] is None or row[name] > _LARGEST_FACTOR else f"{row[name]:.3g}"
+    value = "any factor" if row[name] is None or row[name] > LARGEST_FACTOR else f"{row[name]:.3g}"
     low, high = row[f"{name}_low"], row[f"{name}_high"]
     if low is None or value == "any factor":
         return value

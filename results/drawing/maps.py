@@ -1,7 +1,6 @@
 """Maps: toppling probability in the cells of a plane, over all directions and by direction of the shaking.
 
-Empty cells stay empty, cells of few records are pale, and a cell's width shows its fraction of the jobs, as the caption
-explains.
+Empty cells stay empty, and cells of few records are pale.
 """
 
 from textwrap import wrap
@@ -28,19 +27,12 @@ from toppling.results.analysis.fragility import (
     unplaced,
 )
 from toppling.results.drawing.roses import by_compass, direction_words
-from toppling.results.drawing.style import COLOURS, FULL_WIDTH_IN, HALF_WIDTH_IN, style
+from toppling.results.drawing.style import COLOURS, FULL_WIDTH_IN, HALF_WIDTH_IN, THIN_ALPHA, style
 
 _LINE_IN = 0.15
 """Height of a line of text above or below all panels, inches."""
 
-_FULL_SHARE = 0.4
-"""Fraction of the jobs from which a cell fills its bin; with a larger one narrow columns would vanish."""
-
-_LEAST_WIDTH = 1 / 3
-"""Minimum width of a cell, as a fraction of its bin, at which its colour is recognised."""
-
-_THIN_ALPHA = 0.45
-"""Opacity of a cell of few records: pale, but its colour is recognised."""
+_PALE = f"Pale: fewer than {THIN_RECORDS} records."
 
 _LAST_TICK = 0.85
 """Fraction of a small panel's width beyond which ticks have no label, which would overlap the next panel's first."""
@@ -62,14 +54,14 @@ def map_figure(jobs: pd.DataFrame, plane: Plane, title: str = "") -> Figure:
     """
     table, records = cells(jobs, plane), records_on(jobs, plane)
     left_out = unplaced(jobs, plane), beyond(jobs, plane)
-    caption = [*_width_words(table, plane), *_left_out(plane, *left_out)]
+    caption = [_PALE, *_left_out(plane, *left_out)]
     height = 3.0 + _LINE_IN * len(caption)
     with style():
         figure = Figure(figsize=(HALF_WIDTH_IN, height))
         margins = _margins(HALF_WIDTH_IN, height, below_in=_LINE_IN * len(caption))
         axes = figure.subplots(gridspec_kw=margins)
         _frame_cells(axes, table, plane)
-        _draw_cells(axes, table, plane, _full_share(table))
+        _draw_cells(axes, table, plane)
         axes.set_title("\n".join(filter(None, (title, _counted(table, records)))))
         axes.set(xlabel=_label(plane.x), ylabel=_label(plane.y))
         _colour_bar(figure, margins)
@@ -95,7 +87,7 @@ def direction_figure(
     lines = -(-len(directions) // columns)
     caption = [
         "Panels: compass direction of the vector PGA; azimuths counter-clockwise from east.",
-        *_width_words(counted.table, plane),
+        _PALE,
         *_left_out(plane, counted.unplaced, 0),
         *_reference_text(reference),
     ]
@@ -143,7 +135,7 @@ def _draw_direction(
     axes.set_title(f"{direction_words(direction_deg, counted.bins)}\n{number}")
     _frame_cells(axes, table, plane)
     if len(there):
-        _draw_cells(axes, there, plane, _full_share(table))
+        _draw_cells(axes, there, plane)
     else:
         axes.text(0.5, 0.5, _NO_RECORDS, transform=axes.transAxes, ha="center", va="center", color="0.4")
     _few_ticks(axes)
@@ -162,24 +154,19 @@ def _few_ticks(axes: Axes) -> None:
     axes.yaxis.set_major_locator(MaxNLocator(5))
 
 
-def _draw_cells(axes: Axes, table: pd.DataFrame, plane: Plane, full_share: float) -> None:
-    """Draw each cell as a bar centred in its bin, whose width shows its fraction of the jobs."""
+def _draw_cells(axes: Axes, table: pd.DataFrame, plane: Plane) -> None:
     low, high = (table[f"{plane.x.column}_{end}"].to_numpy() for end in ("low", "high"))
     bottom, top = (table[f"{plane.y.column}_{end}"].to_numpy() for end in ("low", "high"))
-    middle, half = (low + high) / 2, 0.48 * (high - low)
-    half *= np.clip(table["share"].to_numpy() / full_share, _LEAST_WIDTH, 1.0)
-    corners = np.array(
-        [[middle - half, bottom], [middle + half, bottom], [middle + half, top], [middle - half, top]]
-    )
+    corners = np.array([[low, bottom], [high, bottom], [high, top], [low, top]])
     bars = PolyCollection(
         list(corners.transpose(2, 0, 1)),
         cmap=COLOURS,
         norm=_SHARES,
-        edgecolors="0.4",
-        linewidths=0.15,
+        edgecolors="white",
+        linewidths=0.3,
     )
     bars.set_array(table["probability"].to_numpy(float))
-    bars.set_alpha(np.where(table["thin"], _THIN_ALPHA, 1.0).tolist())
+    bars.set_alpha(np.where(table["thin"], THIN_ALPHA, 1.0).tolist())
     axes.add_collection(bars)
 
 
@@ -216,18 +203,6 @@ def _reference_text(lines: pd.DataFrame | None) -> list[str]:
         return []
     low, high = (f"{100 * part:g} %" for part in (lines["probability"].min(), lines["probability"].max()))
     return [f"Lines: a plane section of the rock topples with {low} (dashed) and {high} (solid)."]
-
-
-def _full_share(table: pd.DataFrame) -> float:
-    return min(_FULL_SHARE, table["share"].max()) if len(table) else _FULL_SHARE
-
-
-def _width_words(table: pd.DataFrame, plane: Plane) -> list[str]:
-    pool = "all jobs" if plane.share_within is None else "its level's jobs"
-    return [
-        f"Width: share of {pool}, full from {100 * _full_share(table):.0f} %, never below a third.",
-        f"Pale: fewer than {THIN_RECORDS} records.",
-    ]
 
 
 def _write_caption(figure: Figure, lines: list[str]) -> None:

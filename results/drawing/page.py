@@ -15,7 +15,7 @@ from matplotlib.projections.polar import PolarAxes
 from toppling.models.arrays import Array
 from toppling.models.scene import Scene
 from toppling.results.drawing.painted_mesh import Surface, smooth_surface, view_frame
-from toppling.results.drawing.scene_figures import draw_statics, interface_lines, numbers_of
+from toppling.results.drawing.scene_figures import draw_statics, interface_lines, numbers_of, statics_words
 from toppling.results.drawing.style import (
     ALARM_COLOUR,
     COLOURS,
@@ -63,7 +63,8 @@ def scene_page(scene: Scene, name: str, notes: Sequence[str] = ()) -> str:
         draw_statics(axes, scene)
     body = (
         f'<h1>{escape(name)}</h1><div id="view">{_COMPASS}</div>{_HINT}{_LINES if interface_lines(scene) else ""}'
-        f'<div class="beside"><div>{svg_text(figure)}</div><ul>{items}</ul></div>'
+        f'<div class="beside"><div>{svg_text(figure)}<p class="hint">Round: {escape(statics_words(scene))}.</p></div>'
+        f"<ul>{items}</ul></div>"
     )
     return _page(f"{name}: scene", body, stage, "scene")
 

@@ -23,7 +23,6 @@ VIEWS_DEG = ((20.0, 0.0), (20.0, 120.0), (20.0, 240.0))
 """Elevation and azimuth of each view, degrees."""
 _VIEW_REACH = 0.66
 """Half width of a view, as a fraction of the rock's largest side."""
-_STATICS_TITLE = "quasi-static toppling\nacceleration (m/s²) by where\nthe ground accelerates toward"
 BAND_TITLE = "brown band: one standard deviation"
 _SHADOW_COLOUR = "#f0dcc0"
 """Fill colour of the rock in plan."""
@@ -58,11 +57,7 @@ def scene_picture(scene: Scene, width_in: float = FULL_WIDTH_IN) -> Figure:
         for place, (elevation, azimuth) in zip(places[:3], VIEWS_DEG, strict=True):
             axes = figure.add_subplot(place)
             draw_view(axes, scene, elevation, azimuth)
-            compass = float(compass_deg(azimuth))
-            axes.set_title(
-                f"looking {wind_of(azimuth + 180.0)}, {elevation:.0f}° down\n"
-                f"(eye at azimuth {azimuth:.0f}°, bearing {compass:.0f}°)", size=7,
-            )  # fmt: skip
+            axes.set_title(f"looking {wind_of(azimuth + 180.0)}")
         _draw_plan(figure.add_subplot(places[3]), scene)
         polar = figure.add_subplot(places[4], projection="polar")
         assert isinstance(polar, PolarAxes)
@@ -165,7 +160,7 @@ def _draw_plan(axes: Axes, scene: Scene) -> None:
         ylim=(middle[1] - reach, middle[1] + reach),
         xlabel="east (m)",
         ylabel="north (m)",
-        title="from above: rock, contact outline,\ncliff edge, centre of mass (+)",
+        title="from above",
     )
     axes.annotate(
         "N",
@@ -193,17 +188,28 @@ def draw_statics(axes: PolarAxes, scene: Scene) -> None:
     axes.fill_between(azimuth, value - spread, value + spread, color=ROCK_COLOUR, alpha=0.3, linewidth=0)
     axes.plot(azimuth, value, color=CONTACT_COLOUR, lw=1.2)
     axes.set_ylim(0, polar_reach_m_s2(value))
-    around, low, high, level = base_interval(scene)
+    around, low, high, _ = base_interval(scene)
     if len(around):
         axes.fill_between(np.deg2rad(around), low, high, color=CONTACT_COLOUR, alpha=0.18, linewidth=0)
-    labels = [
-        _STATICS_TITLE,
+    axes.set_title("topples it (m/s²)")
+    mark_winds(axes, emptiest_deg(azimuth_deg[:-1], value[:-1]))
+
+
+def statics_words(scene: Scene) -> str:
+    """What the picture of the statics shows, for the text beside it."""
+    _, value, spread = toppling_band(scene)
+    around, *_, level = base_interval(scene)
+    bands = [
         *([f"blue band: {100 * level:.0f} % of possible bases"] if len(around) else []),
         *([BAND_TITLE] if spread.any() else []),
         *beyond_frame(value),
     ]
-    axes.set_title("\n".join(labels))
-    mark_winds(axes, emptiest_deg(azimuth_deg[:-1], value[:-1]))
+    return "; ".join(
+        [
+            "the least constant ground acceleration that topples it, by where the ground accelerates toward",
+            *bands,
+        ]
+    )
 
 
 def base_interval(scene: Scene) -> tuple[Array, Array, Array, float]:

@@ -27,8 +27,6 @@ from toppling.results.schema import TOPPLED_OUTCOMES
 
 _MOST_NAMED = 60
 """Maximum number of rocks with a row of their own."""
-_MOST_BANDS = 6
-"""Maximum number of curves that are drawn with intervals."""
 _NAME_LETTERS = 24
 """Maximum number of characters of a rock's name."""
 _ELEVATION_DEG = 15.0
@@ -72,8 +70,7 @@ def _draw_curves(axes: Axes, drawn: Sequence[Beside], measure: str) -> None:
     high = max(curve.intensity(0.99) for curve in curves)
     intensity = np.geomspace(low, high, 200)
     for curve, colour in zip(curves, _colours(len(curves)), strict=True):
-        if len(curves) <= _MOST_BANDS:
-            draw_band(axes, curve, intensity, colour)
+        draw_band(axes, curve, intensity, colour)
         axes.plot(intensity, curve.probability(intensity), color=colour, lw=1.0)
     axes.set(
         xscale="log", xlim=(low, high), ylim=(0, 1), xlabel=measure_label(measure), ylabel="toppling probability",

@@ -26,6 +26,9 @@ HALF_WIDTH_IN = 3.6
 COLOURS = sns.color_palette("viridis", as_cmap=True)
 """Perceptually uniform colour map, legible in grey and with all kinds of colour vision."""
 
+THIN_ALPHA = 0.45
+"""Opacity of a cell of few records: pale, but its colour is recognised."""
+
 MAIN_COLOUR = COLOURS(0.35)
 ROCK_COLOUR, PEDESTAL_COLOUR = "#d9a066", "#7d8b99"
 CONTACT_COLOUR, CLIFF_COLOUR = "#0057b7", "#1a1a1a"

@@ -4,7 +4,7 @@ import json
 
 from matplotlib.colors import to_hex
 
-from toppling.results.drawing.style import COLOURS
+from toppling.results.drawing.style import COLOURS, THIN_ALPHA
 
 PAGE = """\
 <!doctype html>
@@ -34,8 +34,7 @@ iframe { width: 100%; height: 80vh; border: 1px solid #ccc; }
 <section id="failed" hidden><h2>Failures by reason</h2><table id="failures"></table></section>
 <h2>Toppling probability so far</h2>
 <div id="maps"></div>
-<p class="quiet">Share of the jobs that toppled; a small box is a cell of few jobs. Point at a cell for its
-numbers.</p>
+<p class="quiet">Share of the jobs that toppled; pale: few records. Point at a cell for its numbers.</p>
 <section id="toppled" hidden><h2>Latest topplings</h2><table id="latest"></table></section>
 <section id="replayed" hidden><h2 id="replaying"></h2><iframe id="replay" title="replay"></iframe></section>
 <script nonce="NONCE">
@@ -69,12 +68,10 @@ const map = (state) => {
     drawn.append(svg("rect", {x, y: 2, width: 36, height: 12, stroke: "#999", fill: shade(share)}));
     drawn.append(svg("text", {x: x + 18, y: 27, "text-anchor": "middle"}, share));
   });
-  const most = Math.max(...state.cells.map((cell) => cell.jobs), 1);
   for (const cell of state.cells) {
     const x = left + cell.column * wide, y = top + (rows.length - 1 - cell.row) * high;
-    const part = cell.jobs * 4 >= most ? 1 : 0.5, width = (wide - 2) * part, height = (high - 2) * part;
-    const box = svg("rect", {x: x + (wide - width) / 2, y: y + (high - height) / 2, width, height,
-      stroke: "#999", class: "cell", fill: cell.probability === null ? "none" : shade(cell.probability)});
+    const box = svg("rect", {x, y, width: wide, height: high, opacity: cell.thin ? THIN : 1, stroke: "#fff",
+      class: "cell", fill: cell.probability === null ? "none" : shade(cell.probability)});
     const numbers = `PGA ${rows[cell.row]} m/s², PGV/PGA ${columns[cell.column]} s: `;
     box.append(svg("title", {}, numbers + `${cell.toppled} of ${cell.jobs} toppled`));
     drawn.append(box);
@@ -145,7 +142,9 @@ ask();
 </script>
 </body>
 </html>
-""".replace("COLOURS", json.dumps([to_hex(COLOURS(step / 40)) for step in range(41)]))
+""".replace("COLOURS", json.dumps([to_hex(COLOURS(step / 40)) for step in range(41)])).replace(
+    "THIN", str(THIN_ALPHA)
+)
 """Page with a placeholder NONCE for the content security policy of its script."""
 
 WAITING = """\

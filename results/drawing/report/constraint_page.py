@@ -1,6 +1,5 @@
 """The page of a constraint, by curves of hazard or a set of events: the answer in words, then what it rests on."""
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,6 +10,7 @@ from matplotlib.figure import Figure
 from toppling.results.analysis.constraint import Constraint
 from toppling.results.completeness import Completeness
 from toppling.results.drawing.constraint_words import (
+    LARGEST_FACTOR,
     ages_words,
     all_words,
     answer,
@@ -105,24 +105,25 @@ def constraint_page(statement: dict[str, Any], drawings: Sequence[Drawing]) -> s
     """
     document = Document(unfinished(statement))
     shown = {one.section: document.figure(one.draw, one.caption, one.width_in) for one in drawings}
-    words = all_words(statement).splitlines()
+    answers = answer(statement) or all_words(statement).splitlines()[:2]
+    others = [line for line in all_words(statement).splitlines() if line not in answers]
     method = _METHOD_OF_EVENTS if "events" in statement else _METHOD if "branches" in statement else ""
+    first = "".join(map(paragraph, answers)) + shown.get("Hazard", "") + _changes(statement, document)
     sections = [
-        ("Hazard", shown.get("Hazard", "") + _changes(statement, document)),
         ("Branches", branches_table(statement, document)),
-        ("Logic tree", _levels(statement, document)),
         ("Ground-motion models", _models(statement, document)),
         ("Rates rejected", shown.get("Rates rejected", "")),
         ("Rocks", _rocks(statement, document)),
-        ("In words", "".join(map(paragraph, words))),
-        ("Method", method),
-        ("Choices and files", f"<pre>{safe(json.dumps(statement.get('choices', {}), indent=1))}</pre>"),
+        ("In words", "".join(map(paragraph, others))),
+        (
+            "Method",
+            method + paragraph("Options, files and versions are in constraint.json beside this page."),
+        ),
     ]
     rocks = ", ".join(rock["name"] for rock in statement["rocks"])
     says = "says" if len(statement["rocks"]) == 1 else "say"
     alarm = f'<p class="alarm">{safe(document.remark)}.</p>' if document.remark else ""
-    answers = "".join(map(paragraph, answer(statement) or words[:2]))
-    head = f"<h1>What {safe(rocks)} {says} by still standing</h1>{alarm}{answers}"
+    head = f"<h1>What {safe(rocks)} {says} by still standing</h1>{alarm}{first}"
     return page(f"toppling: {rocks}", head, [(title, text) for title, text in sections if text])
 
 
@@ -211,7 +212,7 @@ def branches_table(statement: dict[str, Any], document: Document) -> str:
         for row in rows
     ])  # fmt: skip
     left = len(statement["branches"]) - len(heaviest)
-    more = f" {left} branches with less weight: in branches.csv of 'toppling constrain'." if left else ""
+    more = f" {left} branches with less weight: in branches.csv." if left else ""
     return document.table(
         table,
         "Weights of the branches, the rocks' survival under each, and the factors by which its motions or rates may be "
@@ -223,20 +224,10 @@ def branches_table(statement: dict[str, Any], document: Document) -> str:
 
 
 def _with_ends(row: dict[str, Any], name: str) -> str:
+    if (row[name] or 0.0) > LARGEST_FACTOR:
+        return "any factor"
     value, low, high = (digits(row[f"{name}{end}"]) for end in ("", "_low", "_high"))
     return f"{value} ({low}-{high or '∞'})" if low else value
-
-
-def _levels(statement: dict[str, Any], document: Document) -> str:
-    if not statement.get("levels"):
-        return ""
-    rows = [{**row, "percent": 100 * row["moved"]} for row in statement["levels"]]
-    names = {
-        "level": "level", "percent": "weight moved (%)", "choice": "choice", "prior_weight": "prior weight",
-        "posterior_weight": "posterior weight",
-    }  # fmt: skip
-    caption = "Levels of the logic tree by how much of their weight the rocks move from one choice to others."
-    return document.table(_picked(rows, names), caption)
 
 
 def _models(statement: dict[str, Any], document: Document) -> str:

@@ -1,9 +1,8 @@
 """The page of an atlas: a card a rock, fragilities beside each other, where the rocks stand, what they share."""
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 from urllib.parse import quote
 
 import pandas as pd
@@ -54,25 +53,27 @@ def gallery_page(
     """
     unfinished = [f"{run.name}: {run.completeness().remark}" for run in atlases if run.completeness().remark]
     document = Document("; ".join(unfinished))
-    words = f"toppling probability over {short_name(measure)}"
     cards = []
     for rock in rocks:
         cards.append(_card(rock, document, measure, folder))
         advance()
-    sections = [
-        ("Rocks", '<div class="cards">' + "\n".join(cards) + "</div>"),
-        ("Side by side", _beside(rocks, shared, measure, document, words)),
-    ]
+    alarm = "".join(f'<p class="alarm">Unfinished: {safe(one)}.</p>' for one in unfinished)
+    first = f"{heading(title, 1)}{alarm}{''.join(map(paragraph, summary(rocks, shared, measure)))}"
+    caption = (
+        f"Left: toppling probability over {short_name(measure)}, a lognormal curve for each rock with its 95 % band. "
+        "Right: the intensity at which half of the shakings topple each, with its 95 % interval over records and bases."
+    )
+    first += document.figure(lambda width: fragilities_figure(rocks, measure, width), caption)
     if placed := [rock for rock in rocks if rock.place]:
         caption = (
             f"Where {len(placed)} of {len(rocks)} rocks stand, coloured by the {short_name(measure)} at which half of "
             "the shakings topple them; crosses have no fragility."
         )
-        sections.append(
-            ("Where they stand", document.figure(lambda width: places_figure(rocks, measure, width), caption))
-        )
-    alarm = "".join(f'<p class="alarm">Unfinished: {safe(one)}.</p>' for one in unfinished)
-    first = f"{heading(title, 1)}{alarm}{''.join(map(paragraph, summary(rocks, shared, measure)))}"
+        first += document.figure(lambda width: places_figure(rocks, measure, width), caption)
+    frame = pd.DataFrame([rock.row for rock in rocks])[list(_COLUMNS)].rename(columns=_COLUMNS)
+    numbers = f"Fragility over {short_name(measure)} ({printed_unit(measure)}) and statics of each rock."
+    table = document.table(frame.dropna(axis="columns", how="all"), numbers)
+    sections = [("Table", table), ("Rocks", '<div class="cards">' + "\n".join(cards) + "</div>")]
     return page(f"toppling: {title}", first, sections)
 
 
@@ -111,8 +112,8 @@ def _card(rock: Beside, document: Document, measure: str, folder: Path) -> str:
     weakest = "topples statically toward no azimuth"
     if rock.weakest_azimuth_deg is not None:
         weakest = (
-            f"falls most easily toward {_toward(row, 'falls_toward')}, as the ground accelerates toward "
-            f"{_toward(row, 'ground_accelerates_toward')}: static {rock.least_m_s2:.2g} m/s²"
+            f"falls most easily toward {wind_of(row['falls_toward_deg'])} (bearing "
+            f"{row['falls_toward_bearing_deg']:.0f}°), at {rock.least_m_s2:.2g} m/s² of constant acceleration"
         )
     place = row["site"] if row["site"] not in (None, rock.name) else ""
     report = rock.run.path / REPORT
@@ -132,20 +133,3 @@ def _card(rock: Beside, document: Document, measure: str, folder: Path) -> str:
         )
     lines_shown = "".join(f"<li>{safe(line)}</li>" for line in (place, *lines) if line)
     return f'<div class="card">{heading(rock.name, 3)}{picture}<ul>{lines_shown}</ul>{link}</div>'
-
-
-def _toward(row: Mapping[str, Any], name: str) -> str:
-    azimuth, bearing = row[f"{name}_deg"], row[f"{name}_bearing_deg"]
-    return f"{wind_of(azimuth)} (azimuth {azimuth:.0f}°, bearing {bearing:.0f}°)"
-
-
-def _beside(rocks: Sequence[Beside], shared: Shared, measure: str, document: Document, lead: str) -> str:
-    caption = (
-        f"Left: {lead}, a lognormal curve for each rock. Right: the intensity at which half of the shakings "
-        "topple each, with its 95 % interval over records and bases."
-    )
-    figure = document.figure(lambda width: fragilities_figure(rocks, measure, width), caption)
-    frame = pd.DataFrame([rock.row for rock in rocks])[list(_COLUMNS)].rename(columns=_COLUMNS)
-    over = f"{short_name(measure)} ({printed_unit(measure)})"
-    numbers = f"Fragility over {over} and statics of each rock. {shared.sentence}"
-    return figure + document.table(frame.dropna(axis="columns", how="all"), numbers)

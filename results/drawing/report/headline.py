@@ -1,41 +1,52 @@
-"""The first screen: three sentences and one picture with the result."""
+"""The first page: the answer, its picture with the parts of its interval, and what would change it."""
 
-import pandas as pd
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from toppling.models.spelling import counted
+from toppling.results.analysis.audit_statistics import audits_of
 from toppling.results.analysis.bases import narrowed_by
 from toppling.results.analysis.fits import FEW_TOPPLED
+from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.analysis.ranking import observed_shares
-from toppling.results.drawing.constraint_words import ages_words
+from toppling.results.analysis.unphysical import unphysical_of
+from toppling.results.drawing import constraint_words
 from toppling.results.drawing.fit_figures import draw_curve, draw_shares
 from toppling.results.drawing.report.content import CONFIDENCE, Contact, Content
 from toppling.results.drawing.report.document import Document, heading, paragraph, safe
 from toppling.results.drawing.sentences import percent, what_topples
+from toppling.results.drawing.side_by_side_figures import thumbnail
 from toppling.results.drawing.style import (
     ALARM_COLOUR,
-    HALF_WIDTH_IN,
+    FULL_WIDTH_IN,
     MAIN_COLOUR,
     measure_label,
+    png_bytes,
     printed_unit,
     short_name,
     style,
+    within,
 )
-
-_NAMED_CURVES = 5
-"""Rejected hazard curves that the first screen names; a table lists all."""
 
 
 def first_screen(content: Content, document: Document) -> str:
-    """Name of the rock, three sentences, one picture."""
-    said = *answer(content), _how_likely(content), _what_standing_says(content)
-    sentences = "".join(map(paragraph, said))
+    """Name of the rock, what topples it, the curve and the interval's parts, and what would change the answer."""
+    said = _what_topples(content), _how_likely(content), _what_standing_says(content)
+    sentences = "".join(map(paragraph, (*said, *constraint_words.answer(content.statement or {}))))
     if unfinished := _unfinished_sentence(content):
         sentences = f'<p class="alarm">{safe(unfinished)}</p>{sentences}'
-    picture = document.figure(
-        lambda width: _headline_figure(content, width), _caption(content), HALF_WIDTH_IN
+    scene = content.scene
+    view = document.image(png_bytes(thumbnail(scene, None)), f"the rock {content.run.rock}") if scene else ""
+    picture = document.figure(lambda width: _headline_figure(content, width), _caption(content))
+    changes = "".join(f"<li>{safe(one)}</li>" for one in _what_would_change(content))
+    return (
+        f'{heading(content.run.rock, 1)}<div class="first"><div>{sentences}</div>{view}</div>{picture}'
+        f"{heading('What would change this', 3)}<ul>{changes}</ul>"
     )
-    return f'{heading(content.run.rock, 1)}<div class="first"><div>{sentences}</div>{picture}</div>'
 
 
 def answer(content: Content) -> list[str]:
@@ -67,6 +78,33 @@ def _what_narrows(content: Content) -> str:
     )
 
 
+def _what_would_change(content: Content) -> Iterator[str]:
+    """What narrows the interval, other frictions, jobs beyond nature or without an answer, and an audit."""
+    if narrows := _what_narrows(content):
+        yield narrows
+    for other in content.contacts:
+        if other.words != content.chief.words:
+            yield f"With {other.words}: {_half_at(other.headline) if other.headline else _no_curve(other)}"
+    if (beyond := unphysical_of(content.run, content.frame)) is not None:
+        yield f"{beyond.sentence}."
+    if lost := int(content.frame["toppled"].isna().sum()):
+        yield f"Left out: {counted(lost, 'job')} of {len(content.frame):,} without an answer."
+    if content.years is None:
+        yield "An age (--age 15000..30000): with one the report rejects rates of exceedance, and tests a --hazard."
+    audits = audits_of(content.run).values()
+    yield from (f"{audit.sentence}." for audit in audits)
+    if not audits:
+        yield (
+            "This run has not been audited: 'toppling audit RUN' repeats a sample of its jobs with finer steps and "
+            "states how far its answers may be off."
+        )
+
+
+def _half_at(curve: Lognormal) -> str:
+    median = within(curve.median, curve.strongest_shaken)
+    return f"half topple at a {short_name(curve.measure)} of {median} {printed_unit(curve.measure)}."
+
+
 def _no_curve(contact: Contact) -> str:
     if contact.toppled < FEW_TOPPLED:
         return f"fewer than {FEW_TOPPLED} topplings are too few for a curve."
@@ -75,17 +113,12 @@ def _no_curve(contact: Contact) -> str:
 
 
 def _how_likely(content: Content) -> str:
-    contact = content.chief
-    known = contact.known
-    weight = known.get("base_weight", pd.Series(1.0, known.index))
+    known = content.chief.known
     levels = known["level_pga_m_s2"]
-    share = (weight * known["toppled"]).groupby(levels).sum() / weight.groupby(levels).sum()
-    weighted = ", with weighted bases" if "base_weight" in known else ""
-    shares = [f"{percent(share.iloc[k])} at {share.index[k]:g} m/s²" for k in _ends_and_middle(share)]
     return (
         f"Of {len(known):,} shakings ({counted(known['record_id'].nunique(), 'record')}, scaled to a PGA of "
-        f"{share.index[0]:g} to {share.index[-1]:g} m/s², {known['azimuth_deg'].nunique()} azimuths) "
-        f"{contact.toppled:,} topple it, {percent(contact.toppled / len(known))}{weighted}: {', '.join(shares)}."
+        f"{levels.min():g} to {levels.max():g} m/s², {known['azimuth_deg'].nunique()} azimuths) "
+        f"{content.chief.toppled:,} topple it, {percent(content.chief.toppled / len(known))}."
     )
 
 
@@ -93,20 +126,12 @@ def _what_standing_says(content: Content) -> str:
     event = content.statement
     if event is None:
         return "With so few topplings, its survival says nothing about past shaking."
-    measure = event["measure"]
-    said = (
+    measure, ends = event["measure"], (event["unexceeded_low"], event["unexceeded_high"])
+    interval = "" if None in ends else f"; {ends[0]:.2g} to {ends[1]:.2g} with other records like these, 95 %"
+    return (
         f"Since it still stands, no single shaking like these has exceeded a {short_name(measure)} of "
         f"{event['unexceeded']:.2g} {printed_unit(measure)} since it acquired its present shape "
-        f"({100 * CONFIDENCE:g} % confidence{'; ' if content.extrapolated else ''}{content.extrapolated})"
-    )
-    if "branches" not in event or content.standing is None:
-        return said + "."
-    rejected = [branch["name"] for branch in event["branches"] if branch["rejected"]]
-    few = rejected[:_NAMED_CURVES]
-    named = f" ({', '.join(few)}{', ...' if rejected[len(few) :] else ''})" if rejected else ""
-    return (
-        f"{said}; {ages_words([content.standing])}, it rejects {len(rejected) or 'none'} of {len(event['branches'])} "
-        f"hazard curves{named}."
+        f"({100 * CONFIDENCE:g} % confidence{interval}{'; ' if content.extrapolated else ''}{content.extrapolated})."
     )
 
 
@@ -118,46 +143,76 @@ def _caption(content: Content) -> str:
     return (
         f"Toppling probability of {rock} over {name} ({contact.words}). Dots: share of shakings that topple it, with "
         "95 % intervals by record; curve: lognormal fit, with its 95 % band; dashed: one case in two; hatched: what "
-        "the standing rock rejects for a single event."
+        "the standing rock rejects for a single event. Bars: interval of the shaking that topples it in one case in "
+        "two, and what each of its causes would leave of it."
     )
 
 
-def _headline_figure(content: Content, width_in: float = HALF_WIDTH_IN) -> Figure:
-    """Fragility curve with what the standing rock rejects, or shares by level where there is no curve."""
+def _headline_figure(content: Content, width_in: float) -> Figure:
+    """The curve beside the parts of its median's interval, or shares by level where there is no curve."""
     contact = content.chief
+    curve = contact.headline
+    parts = bool(curve and curve.median_interval and not curve.is_beyond_shaken)
+    wide = width_in >= FULL_WIDTH_IN
     with style():
-        figure = Figure(figsize=(width_in, 3.0))
-        axes = figure.subplots(gridspec_kw={"left": 0.14, "right": 0.96, "bottom": 0.15, "top": 0.9})
-        if contact.headline is None:
+        figure = Figure(figsize=(width_in, 3.0 if wide else 3.0 + 1.7 * parts), layout="constrained")
+        if not parts:
+            axes = figure.subplots()
+        elif wide:
+            axes, right = figure.subplots(1, 2, width_ratios=(3, 2))
+        else:
+            axes, right = figure.subplots(2, 1, height_ratios=(2, 1))
+        if curve is None:
             observed = observed_shares(contact.known, "level_pga_m_s2")
             draw_shares(axes, observed, "value", "probability", fmt="o", ms=3, lw=0.8, color=MAIN_COLOUR)
             axes.set(xlabel=measure_label("level_pga_m_s2"), ylabel="share toppled", ylim=(0, 1))
             axes.set_title(f"{contact.toppled} of {len(contact.known):,} shakings topple it")
             return figure
-        curve = contact.headline
-        observed = observed_shares(contact.known, curve.measure)
-        draw_curve(axes, curve, observed)
-        right = axes.get_xlim()[1]
-        if curve.median < right:
-            left = axes.get_xlim()[0]
-            axes.plot([curve.median, curve.median, left], [0, 0.5, 0.5], "--", color="0.3", lw=0.8)
-        event = content.statement
-        if event is not None and event["measure"] == curve.measure:
-            limit, end = event["unexceeded"], axes.get_xlim()[1]
-            end = max(end, 1.3 * limit)
-            axes.set_xlim(right=end)
-            axes.axvspan(limit, end, facecolor="none", edgecolor=ALARM_COLOUR, hatch="////", alpha=0.35, lw=0)
-            axes.axvline(limit, color=ALARM_COLOUR, lw=1.0)
-            axes.annotate(
-                f"not exceeded\n({100 * CONFIDENCE:g} %)", (limit, 0.22), xytext=(-4, 0), textcoords="offset points",
-                ha="right", color=ALARM_COLOUR, size=7, bbox={"facecolor": "white", "alpha": 0.85, "lw": 0, "pad": 0.8},
-            )  # fmt: skip
-        at = f"beyond {curve.strongest_shaken:.3g}" if curve.is_beyond_shaken else f"at {curve.median:.2g}"
-        axes.set_title(f"one in two topples {at} {printed_unit(curve.measure)}")
+        _draw_headline(axes, content, curve)
+        if parts:
+            _draw_parts(right, curve)
     return figure
 
 
-def _ends_and_middle(share: pd.Series) -> list[int]:
-    """Places of the least level, of that whose share is nearest one half, and of the largest."""
-    middle = int((share - 0.5).abs().to_numpy().argmin())
-    return sorted({0, middle, len(share) - 1})
+def _draw_headline(axes: Axes, content: Content, curve: Lognormal) -> None:
+    """Fragility curve with what the standing rock rejects."""
+    draw_curve(axes, curve, observed_shares(content.chief.known, curve.measure))
+    left, right = axes.get_xlim()
+    if curve.median < right:
+        axes.plot([curve.median, curve.median, left], [0, 0.5, 0.5], "--", color="0.3", lw=0.8)
+    event = content.statement
+    if event is not None and event["measure"] == curve.measure:
+        limit = event["unexceeded"]
+        end = max(right, 1.3 * limit)
+        axes.set_xlim(right=end)
+        axes.axvspan(limit, end, facecolor="none", edgecolor=ALARM_COLOUR, hatch="////", alpha=0.35, lw=0)
+        axes.axvline(limit, color=ALARM_COLOUR, lw=1.0)
+        axes.annotate(
+            f"not exceeded\n({100 * CONFIDENCE:g} %)", (limit, 0.22), xytext=(-4, 0), textcoords="offset points",
+            ha="right", color=ALARM_COLOUR, size=7, bbox={"facecolor": "white", "alpha": 0.85, "lw": 0, "pad": 0.8},
+        )  # fmt: skip
+    at = f"beyond {curve.strongest_shaken:.3g}" if curve.is_beyond_shaken else f"at {curve.median:.2g}"
+    axes.set_title(f"one in two topples {at} {printed_unit(curve.measure)}")
+
+
+def _draw_parts(axes: Axes, curve: Lognormal) -> None:
+    """The median's interval, and as wide as each of its parts alone would make it."""
+    assert curve.median_interval is not None
+    rows = {"all": curve.median_interval}
+    if len(curve.interval_parts) > 1:
+        halves = {name: math.exp(math.asinh(part)) for name, part in curve.interval_parts.items()}
+        rows |= {f"{name} alone": (curve.median / half, curve.median * half) for name, half in halves.items()}
+    for row, ends in enumerate(rows.values()):
+        axes.plot(ends, [-row, -row], color=MAIN_COLOUR if row == 0 else "0.55", lw=3.0)
+        axes.plot(curve.median, -row, "o", color="white", mec=MAIN_COLOUR, ms=5)
+        axes.annotate(
+            f"{ends[0]:.3g} to {ends[1]:.3g}", (curve.median, -row), xytext=(0, 6), textcoords="offset points",
+            ha="center", size=7,
+        )  # fmt: skip
+    axes.set_yticks(-np.arange(len(rows)), list(rows))
+    axes.set(
+        ylim=(-len(rows) + 0.4, 0.6),
+        xlabel=measure_label(curve.measure),
+        title="95 % interval of that, and its parts",
+    )
+    axes.margins(x=0.15)

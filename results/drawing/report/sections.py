@@ -8,39 +8,41 @@ import pandas as pd
 from toppling.models.hidden_base.intervals import base_sentences
 from toppling.models.spelling import counted
 from toppling.results.analysis import fits, ranking, resampling
-from toppling.results.analysis.audit_statistics import audits_of
 from toppling.results.analysis.directions import least_sector, sector_share, topple_rose
 from toppling.results.analysis.fragility import (
     PLANES,
-    DirectionCells,
     planes_of,
 )
 from toppling.results.analysis.friction_comparison import compare_frictions
-from toppling.results.analysis.unphysical import unphysical_of
 from toppling.results.drawing.constraint_words import age_words
 from toppling.results.drawing.fit_figures import few_records, fit_figure, fit_table
 from toppling.results.drawing.friction_figures import friction_figure
-from toppling.results.drawing.maps import direction_figure, map_figure
+from toppling.results.drawing.maps import map_figure
 from toppling.results.drawing.record_figures import records_figure
 from toppling.results.drawing.report.constraint_page import branches_table, rejected_drawing
-from toppling.results.drawing.report.content import CONFIDENCE, Contact, Content
-from toppling.results.drawing.report.document import Document, heading, pair, paragraph, safe, sentence
+from toppling.results.drawing.report.content import Content
+from toppling.results.drawing.report.document import Document, heading, pair, paragraph, sentence
 from toppling.results.drawing.report.methods import methods_section
 from toppling.results.drawing.roses import rose_figure
-from toppling.results.drawing.scene_figures import scene_picture
+from toppling.results.drawing.scene_figures import scene_picture, statics_words
 from toppling.results.drawing.style import (
     HALF_WIDTH_IN,
     digits,
+    measure_label,
     png_bytes,
-    printed_unit,
     short_name,
     with_superscripts,
 )
-from toppling.results.reader import Run
 from toppling.results.weights import records_weight, sentences
 
-_MOST_RECORDS = 12
+_MOST_RECORDS = 8
 """Largest number of rows in the table of records; those that topple the rock most often are shown."""
+
+_MOST_ENDS = 12
+"""Largest number of ways in which jobs ended that are listed."""
+
+_OF_SCENE = ("height_m", "volume_m3", "com_x_m", "com_y_m", "com_z_m", "slope_deg", "downhill_azimuth_deg")
+"""Quantities of a scene that a reader compares with the rock; the file beside the page has all."""
 
 
 def _scene_section(content: Content, document: Document) -> str:
@@ -52,24 +54,23 @@ def _scene_section(content: Content, document: Document) -> str:
         scene = content.scene
         caption = (
             f"The rock {content.run.rock} on its pedestal, from three sides and from above (blue: contact outline; "
-            "black: cliff edge; dotted where hidden), and the least constant ground acceleration that topples it."
+            f"black: cliff edge; dotted where hidden; +: centre of mass). Round: {statics_words(scene)}."
         )
         parts.append(document.figure(lambda width: scene_picture(scene, width), caption))
         parts += map(sentence, base_sentences(content.run.scene_report()))
     if weights := content.run.weights():
         parts += map(sentence, sentences(weights.summary(content.frame)))
-    row = table.drop_columns(["quasi_static_toppling"]).to_pylist()[0]
+    if settling:
+        parts.append(sentence(settling))
     rows = [
         {
             "quantity": field.metadata[b"description"].decode(),
-            "value": row[field.name],
+            "value": table[field.name][0].as_py(),
             "unit": _unit(field.metadata[b"unit"].decode()),
         }
         for field in table.schema
-        if field.name in row
+        if field.name in _OF_SCENE
     ]
-    if settling:
-        rows.append({"quantity": "from scan to shake", "value": settling, "unit": ""})
     return "".join([*parts, document.table(pd.DataFrame(rows), "The scene in numbers.")])
 
 
@@ -91,8 +92,6 @@ def _records_section(content: Content, document: Document) -> str:
             "above); right: magnitude against distance."
         )
         lines.append(document.figure(partial(records_figure, content.ensemble), caption))
-    if (beyond := unphysical_of(content.run, frame)) is not None:
-        lines.append(paragraph(f"{beyond.sentence}."))
     answered = frame.groupby("record_id")["toppled"]
     counts = pd.DataFrame({"jobs": answered.count(), "toppled": answered.sum().astype(int)}).reset_index()
     motions = content.run.motions()
@@ -120,29 +119,21 @@ def _as_recorded(catalogue: pd.DataFrame) -> pd.DataFrame:
 
 
 def _maps_section(content: Content, document: Document) -> str:
-    return "".join(_maps_of(content, one, document) for one in content.contacts)
-
-
-def _maps_of(content: Content, contact: Contact, document: Document) -> str:
-    jobs, words = contact.jobs, contact.words
+    """Of the contact that the report begins with; 'toppling fragility' draws all."""
+    jobs, words = content.chief.jobs, content.chief.words
     planes = planes_of(content.frame).values()
-    single, split = [], []
+    single = []
     for plane in planes:
         caption = f"Toppling probability over {plane.x.label} and {plane.y.label} ({words})."
         drawn = png_bytes(map_figure(jobs, plane, words), document.remark)
         single.append(document.picture(drawn, caption, width_in=HALF_WIDTH_IN))
-    for plane in (plane for plane in planes if plane.by_direction):
-        caption = f"Toppling probability over {plane.x.label} and {plane.y.label}, by direction of shaking ({words})."
-        draw = partial(direction_figure, DirectionCells.of(jobs, plane), words, None)
-        split.append(document.figure(draw, caption))
     within = least_sector(content.run.quasi_static())
     sector = sector_share(jobs, *within) if within else None
     rose = document.figure(
         lambda width: rose_figure(topple_rose(jobs), content.run.quasi_static(), sector, width),
         f"Where the rock topples to ({words}), and the least constant ground acceleration that topples it.",
     )
-    title = heading(words, 3) if len(content.contacts) > 1 else ""
-    return "".join([title, *(pair(*single[k : k + 2]) for k in range(0, len(single), 2)), *split, rose])
+    return "".join([*(pair(*single[k : k + 2]) for k in range(0, len(single), 2)), rose])
 
 
 def _friction_section(content: Content, document: Document) -> str:
@@ -159,19 +150,16 @@ def _friction_section(content: Content, document: Document) -> str:
 
 
 def _fits_section(content: Content, document: Document) -> str:
-    return "".join(_fits_of(content, one, document) for one in content.contacts)
-
-
-def _fits_of(content: Content, contact: Contact, document: Document) -> str:
-    title = heading(contact.words, 3) if len(content.contacts) > 1 else ""
+    """Of the same contact."""
+    contact = content.chief
     few = few_records(contact.known["record_id"].nunique())
     if contact.toppled < fits.FEW_TOPPLED:
-        return title + paragraph(
+        return paragraph(
             f"Too few topplings: {contact.toppled} of {len(contact.known):,} jobs, fewer than {fits.FEW_TOPPLED}. "
             f"No curve is drawn and no measure is ranked; shake more strongly, or with more records. {few}".rstrip()
         )
     summary = fits.summary(contact.models)
-    parts = [title, _verdict(contact.ranking)]
+    parts = []
     if (curve := contact.best) is not None:
         calibrated = ranking.calibration(contact.known, ranking.out_of_fold(contact.known, [curve.measure]))
         observed = ranking.observed_shares(contact.known, curve.measure)
@@ -179,13 +167,16 @@ def _fits_of(content: Content, contact: Contact, document: Document) -> str:
         caption = (
             f"Left: lognormal fragility over {short_name(curve.measure)}, the measure that predicts best "
             f"({contact.words}), with its 95 % band. Middle: how much worse the others predict records left out "
-            "of the fit. Right: predicted probability against observed share."
+            "of the fit (not significantly where the bar includes 0). Right: predicted probability against observed "
+            "share."
         )
         parts.append(document.figure(lambda width: fit_figure(*data, width), caption))
-    ranked, fitted = _ranking_table(contact.ranking), fit_table(summary, contact.known)
     parts += [
-        document.table(ranked, f"Measures of intensity, best first ({contact.words})."),
-        document.table(fitted, f"Lognormal fragility over each measure ({contact.words})."),
+        document.table(
+            _measures_table(contact.ranking, fit_table(summary, contact.known)),
+            f"Measures of intensity, best first ({contact.words}): by how much each predicts records left out of the "
+            "fit worse than the best, and the lognormal fragility over it.",
+        ),
         "<p>Intervals (95 %) come from the bootstrap samples of records that have a fit; the others have none: "
         f"their answers are separated, or there are fewer than {resampling.LEAST_RECORDS} records. {few} Beyond "
         "the strongest shaking the jobs say nothing.</p>",
@@ -193,67 +184,52 @@ def _fits_of(content: Content, contact: Contact, document: Document) -> str:
     return "".join(parts)
 
 
-def _ranking_table(ranking: pd.DataFrame) -> pd.DataFrame:
-    table = pd.DataFrame({"measure": [short_name(name) for name in ranking["measures"]]})
-    names = {"brier": "Brier score", "log_loss": "log loss", "auc": "area under ROC", "worse_by": "log loss above best",
-             "worse_by_low": "from", "worse_by_high": "to"}  # fmt: skip
-    for column, name in names.items():
-        if column in ranking:
-            table[name] = ["" if value != value else f"{value:.3f}" for value in ranking[column]]
-    return table
-
-
-def _verdict(ranking: pd.DataFrame) -> str:
-    """Whether this rock agrees with the study, which says that PGV governs toppling."""
-    singles = ranking[~ranking["measures"].str.contains("+", regex=False)].dropna(subset=["log_loss"])
-    if not len(singles):
-        return "<p>No measure has an out-of-fold fit: too few records, or separated answers.</p>"
-    best = singles["measures"].iloc[0]
-    agrees = (
-        "as for the study's rock" if best == "pgv_m_s" else "unlike for the study's rock, where it was PGV"
+def _measures_table(ranking: pd.DataFrame, fitted: pd.DataFrame) -> pd.DataFrame:
+    """Rank and fit of each single measure; of two together the rank alone."""
+    ranked = ranking.reindex(columns=["worse_by", "worse_by_low", "worse_by_high"]).astype(float)
+    table = pd.DataFrame(
+        {
+            "measure": [
+                measure_label(name) if " + " not in name else short_name(name) for name in ranking["measures"]
+            ]
+        }
     )
-    return (
-        f"<p>Of the single measures, {safe(short_name(best))} best predicts records left out of the fit, {agrees}. "
-        "A difference in log loss whose interval includes 0 is not significant.</p>"
-    )
+    table["log loss above best (95 %)"] = [
+        "" if value != value else f"{value:.3f}" + ("" if low != low else f" ({low:.3f} to {high:.3f})")
+        for value, low, high in ranked.itertuples(index=False)
+    ]
+    return table.merge(fitted.drop(columns=["samples", "without fit"]), how="left", on="measure")
 
 
 def _constraint_section(content: Content, document: Document) -> str:
+    """Of a rock whose age is given."""
     constraint, said = content.constraint, content.statement
-    if constraint is None or said is None:
-        return paragraph("Without a fragility curve the standing rock gives no constraint.")
-    unit, ends = printed_unit(said["measure"]), (said["unexceeded_low"], said["unexceeded_high"])
-    interval = (
-        "" if None in ends else f" ({ends[0]:.3g} to {ends[1]:.3g} with other records like these, 95 %)"
-    )
-    event = paragraph(
-        f"At {100 * CONFIDENCE:g} % confidence no single event since the rock acquired its present shape has "
-        f"exceeded a {short_name(said['measure'])} of {said['unexceeded']:.3g} {unit}{interval} ({content.chief.words})"
-        f"{', ' if content.extrapolated else ''}{content.extrapolated}."
-    )
-    if constraint.exposure is None:
-        return (
-            f"{event}<p>No age was given. With one (<code>--age 15000..30000</code>) the report rejects rates of "
-            "exceedance, and tests hazard curves (<code>--hazard FILE</code>).</p>"
-        )
+    if constraint is None or said is None or constraint.exposure is None:
+        return ""
     stood = paragraph(f"{constraint.rocks[0].name}{age_words(said['rocks'][0])}.")
     drawn = [document.figure(one.draw, one.caption, one.width_in) for one in rejected_drawing(constraint)]
-    return "".join([event, stood, *drawn, branches_table(said, document)])
+    return "".join([stood, *drawn, branches_table(said, document)])
 
 
-def _failures_section(content: Content, document: Document) -> str:
+def _jobs_section(content: Content, document: Document) -> str:
+    """How the jobs were computed, and how they ended."""
     frame = content.frame
-    counts = frame.groupby(["status", "ended_by"], dropna=False).size().rename("jobs").reset_index()
-    parts = [document.table(counts.rename(columns={"ended_by": "ended by"}), "How the jobs ended.")]
-    failed = frame[frame["status"] != "ok"]
-    if len(failed):
-        why = failed.groupby(["status", "message"], dropna=False)
-        rows = why.agg(jobs=("job_id", "size"), example=("job_id", "first")).reset_index()
-        rows = rows.sort_values("jobs", ascending=False).head(20)
-        parts.append(document.table(rows, "Jobs without an answer, by reason."))
-    else:
-        parts.append("<p>Every job has an answer.</p>")
-    return "".join(parts)
+    presets, engines = (", ".join(sorted(frame[name].unique())) for name in ("preset", "engine"))
+    steps = frame["time_step_s"].dropna()
+    step = (
+        " to ".join(dict.fromkeys(f"{one:.3g}" for one in (steps.min(), steps.max())))
+        if len(steps)
+        else "not stated"
+    )
+    line = f"Engine {engines}; preset {presets}; time step {step or '?'} s"
+    if frame["penetration_m"].notna().any():
+        line += f"; deepest penetration of rock and pedestal {frame['penetration_m'].max():.2g} m"
+    ended = frame.groupby(["status", "ended_by", "message"], dropna=False)
+    counts = ended.agg(jobs=("job_id", "size")).reset_index().sort_values("jobs", ascending=False)
+    table = counts.head(_MOST_ENDS).rename(columns={"ended_by": "ended by"})
+    return paragraph(f"{line}.") + document.table(
+        table.dropna(axis="columns", how="all"), "How the jobs ended."
+    )
 
 
 SECTIONS: dict[str, Callable[[Content, Document], str]] = {
@@ -263,8 +239,7 @@ SECTIONS: dict[str, Callable[[Content, Document], str]] = {
     "Friction": _friction_section,
     "Fits": _fits_section,
     "Constraint": _constraint_section,
-    "Failures": _failures_section,
-    "Accuracy": lambda content, _: _accuracy_section(content.run, content.frame),
+    "Jobs": _jobs_section,
     "Methods": methods_section,
 }
 """By title, in the page's order: HTML of a part of the report; empty omits it."""
@@ -272,20 +247,3 @@ SECTIONS: dict[str, Callable[[Content, Document], str]] = {
 
 def _unit(unit: str) -> str:
     return with_superscripts(unit).replace("deg", "°") if unit != "1" else ""
-
-
-def _accuracy_section(run: Run, frame: pd.DataFrame) -> str:
-    presets, engines = (", ".join(sorted(frame[name].unique())) for name in ("preset", "engine"))
-    # A preset's steps may differ beyond the digits that are shown.
-    steps = ", ".join(dict.fromkeys(f"{step:g}" for step in sorted(frame["time_step_s"].dropna())))
-    lines = [f"<p>Engine {safe(engines)}; preset {safe(presets)}; time step {steps or 'not stated'} s.</p>"]
-    if frame["penetration_m"].notna().any():
-        lines.append(f"<p>Deepest penetration of rock and pedestal {frame['penetration_m'].max():.2g} m.</p>")
-    audits = audits_of(run)
-    lines += [f"<p>{safe(audit.sentence)}.</p>" for audit in audits.values()]
-    if not audits:
-        lines.append(
-            "<p>This run has not been audited: <code>toppling audit RUN --jobs 200</code> repeats a sample of its jobs "
-            "and states how far its answers may be off.</p>"
-        )
-    return "".join(lines)

@@ -94,7 +94,7 @@ def test_rocks_at_two_sites_weigh_the_branches_of_an_event_set(at_two_sites):
         "rate_posterior_p95",
     } <= set(row)
     written = {path.name for path in out.iterdir()}
-    tables = {"branches.csv", "updated.csv", "changes.csv", "left_out.csv", "choices.csv"}
+    tables = {"branches.csv", "updated.csv", "changes.csv"}
     assert {"constraint.json", "constraint.html", "constraint.png"} | tables <= written
     filed = json.loads((out / "constraint.json").read_text())
     assert {path.rpartition("/")[2] for path in (one["path"] for one in filed["choices"]["files"])} >= {
@@ -266,11 +266,13 @@ def test_two_measures_at_once_are_judged_by_their_joint_rate(tmp_path):
 def test_the_events_with_their_new_weights_are_read_back_as_a_tree(rocks, events, tmp_path):
     out, asked = tmp_path / "out", ["--age", "300", "--ratio", "1.2"]
     told_by(*rocks, "--hazard", events, *asked, "--site", "aa", "--site", "bb", "--out", out)
+    shutil.unpack_archive(out / "openquake.zip", tmp_path / "two")
     assert (
-        len((out / "openquake" / "hazard_curve-mean-PGA.csv").read_text().splitlines()) == 4
+        len((tmp_path / "two" / "hazard_curve-mean-PGA.csv").read_text().splitlines()) == 4
     )  # two of them sites
     told = told_by(rocks[0], "--hazard", events, *asked, "--site", "aa", "--out", out)
-    again = told_by(rocks[0], "--hazard", out / "openquake", *asked)
+    shutil.unpack_archive(out / "openquake.zip", tmp_path / "one")
+    again = told_by(rocks[0], "--hazard", tmp_path / "one", *asked)
     for row, before in zip(again["branches"], told["branches"], strict=True):
         assert row["prior_weight"] == pytest.approx(before["posterior_weight"], rel=1e-6)
     rates, found = (

@@ -57,7 +57,6 @@ def test_cells_count_what_is_there_and_no_more(hand_made):
     seen = table[["pgv_pga_s_low", "level_pga_m_s2", "jobs", "no_answer", "records", "toppled"]]
     expected = [[0.10, 2.0, 3, 0, 3, 2], [0.20, 2.0, 1, 0, 1, 1], [0.20, 4.0, 0, 1, 0, 0]]
     np.testing.assert_allclose(seen.to_numpy(float), expected)
-    np.testing.assert_allclose(table["share"], [0.75, 0.25, 1.0])  # of the jobs at its level
     np.testing.assert_allclose(table["probability"], [2 / 3, 1.0, np.nan])
     np.testing.assert_allclose(table[["level_pga_m_s2_low", "level_pga_m_s2_high"]], [[1, 3], [1, 3], [3, 5]])
     assert table["thin"].all()
@@ -96,7 +95,6 @@ def test_every_job_within_the_limits_lies_in_exactly_one_cell_that_contains_it(v
     table = cells(frame, PLANES["pgv_duration"])
     inside = frame[(frame["pgv_m_s"] < 3) & (frame["duration_energy_s"] < 30)]
     assert table["jobs"].sum() == len(inside)
-    assert table["share"].sum() == pytest.approx(1.0 if len(inside) else 0.0)
     for _, cell in table.iterrows():
         # Edges are multiples of the width; a value within 1e-9 of one may lie on either side.
         pgv = inside["pgv_m_s"].between(cell["pgv_m_s_low"] - 1e-9, cell["pgv_m_s_high"] + 1e-9)
@@ -210,6 +208,16 @@ def test_the_studys_bounds_are_kept_only_where_next_to_nothing_lies_beyond(tmp_p
     assert planes_of(open_run(tmp_path).frame())["pgv_duration"].x.below == (None if whole else 30.0)
 
 
+@pytest.mark.parametrize("records", [4, 12, 200])
+def test_bins_are_as_wide_as_the_records_need_and_as_the_studys_where_none_or_all_suffice(records):
+    frame = as_frame_of(rows(records=records, azimuths=(0.0,)))
+    plane, own = planes_of(frame)["pga_pgv"], PLANES["pga_pgv"]
+    table = cells(frame, plane)
+    sure = table.loc[~table["thin"], "jobs"].sum() / table["jobs"].sum()
+    assert (sure >= 0.5) == (records >= 10)
+    assert (plane.y.width > own.y.width) == (records == 12)
+
+
 def test_records_as_strong_as_they_are_share_bins_of_the_level():
     frame = as_frame_of(rows(records=2, levels=tuple(0.1 * n for n in range(1, 101)), azimuths=(0.0,)))
     table = cells(frame, planes_of(frame)["pga_pgv_pga"])
@@ -257,7 +265,6 @@ def test_a_record_of_whole_weight_counts_as_that_many_copies_in_cells_and_in_fit
     )
     once, often = (cells(f, PLANES["pga_pgv"]) for f in (weighted(frame, whole), copies))
     assert once["probability"].to_numpy() == pytest.approx(often["probability"].to_numpy())
-    assert once["share"].to_numpy() == pytest.approx(often["share"].to_numpy())
     assert (once["records"] == often["records"]).all()  # copies are no new records
     heavy, copied = fit(weighted(frame, whole), ["pgv_m_s"]), fit(copies, ["pgv_m_s"])
     assert heavy.coefficients == pytest.approx(copied.coefficients, rel=1e-6)

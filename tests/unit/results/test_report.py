@@ -80,16 +80,18 @@ def page(run):
         Branch(name, 0.5, HazardCurve(name, "pgv_m_s", x, rate * x**-2.0))
         for name, rate in (("quiet", 1e-9), ("loud", 1e-2))
     ]
-    return report_page(Content(run, 5, np.array([2e4]), HazardTree("pgv_m_s", tuple(branches))))
+    return report_page(
+        Content(run, 5, np.array([2e4]), "20,000 years", HazardTree("pgv_m_s", tuple(branches)))
+    )
 
 
 @pytest.mark.slow
 def test_the_page_has_every_section_that_the_run_bears_and_closes_what_it_opens(page):
     read = Page(page)
     assert read.open == []
-    titles = [section.title for section in SECTIONS if section.title != "Friction"]  # the run has one
+    titles = [title for title in SECTIONS if title != "Friction"]  # the run has one
     assert read.headings == ["balanced <rock>", *titles]
-    assert read.cells > 200
+    assert read.cells > 80
 
 
 @pytest.mark.slow
@@ -107,11 +109,12 @@ def test_the_contents_lead_to_the_sections_and_the_figures_are_numbered(page):
 def test_the_first_screen_says_what_topples_with_what_probability_and_what_standing_says(page):
     first = page[: page.index("<nav>")]
     sentences = re.findall(r"<p>(.*?)</p>", first)
-    assert len(sentences) == 3
-    assert first.count("<img") == 1
+    assert len(sentences) == 6
+    assert first.count("<img") == 2  # the rock, and its curve with the parts of the interval
     assert "topples the rock in one case in two" in sentences[0]
     assert "Of 72 shakings (12 records" in sentences[1]
-    assert "rejects 1 of 2 hazard curves (loud)" in sentences[2]
+    assert "no single shaking like these has exceeded" in sentences[2]
+    assert "Survival under the 2 branches" in sentences[4]
     assert "stood for 20,000 years" in page
 
 
@@ -141,7 +144,7 @@ def test_the_page_says_what_is_missing_and_how_sure_the_answers_are(page):
     assert "<died>" not in page
     assert "Each of 73 combinations" in page
     assert "72 had an answer" in page
-    assert "has not been audited: <code>toppling audit RUN" in page
+    assert "has not been audited" in page[: page.index("<nav>")]
 
 
 def test_a_median_beyond_what_was_shaken_is_no_number_and_samples_without_fit_are_counted():
@@ -172,7 +175,6 @@ def test_a_statement_beyond_the_strongest_shaking_says_that_it_is_an_extrapolati
     assert (content.statement["unexceeded"] > strongest) == is_extrapolated
     words = f"an extrapolation beyond the strongest shaking, {strongest:.2g} m/s"
     assert (words in first_screen(content, Document())) == is_extrapolated
-    assert (words in SECTIONS["Constraint"](content, Document())) == is_extrapolated
 
 
 def test_fewer_than_ten_topplings_bear_no_curve_and_no_ranking(tmp_path):
@@ -204,10 +206,10 @@ def test_the_check_of_the_layout_finds_what_sticks_out_and_what_is_clipped(tmp_p
 
 @pytest.mark.slow
 @needs_browser
-def test_the_page_is_printed_to_pdf(page, tmp_path):
+def test_the_page_is_printed_on_eight_pages_at_most(page, tmp_path):
     written = write_pdf(page, tmp_path / "report.pdf").read_bytes()
     assert written.startswith(b"%PDF-")
-    assert len(re.findall(rb"/Type\s*/Page\b", written)) >= 5
+    assert 5 <= len(re.findall(rb"/Type\s*/Page\b", written)) <= 8
 
 
 @pytest.mark.slow
@@ -224,7 +226,7 @@ def test_a_browser_without_a_network_shows_every_picture(page, tmp_path):
     widths = [int(width) for width in re.search(r'data-widths="([0-9 ]*)"', document).group(1).split()]
     assert len(widths) == page.count("<img")
     assert min(widths) > 300
-    assert all(f">{section.title}</h2>" in document for section in SECTIONS if section.title != "Friction")
+    assert all(f">{title}</h2>" in document for title in SECTIONS if title != "Friction")
     assert not complaints
 
 

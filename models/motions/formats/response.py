@@ -149,61 +149,31 @@ def _converted(trace: Any, values: NDArray[np.float64], response: Any, path: Pat
 def _channel_of(stats: Any, inventory: Any, path: Path) -> Any:
     """Channel of an inventory with a response, of a trace's codes and time.
 
-    Raises InputError if there is none, with what there is instead.
+    Raises InputError if there is none, with what there is instead, or there are two.
     """
-    name = ".".join((stats.network, stats.station, stats.location, stats.channel))
-    stations = [(n.code, s) for n in inventory for s in n if s.code == stats.station]
-    there = [s for network, s in stations if network == stats.network]
-    if not there:
-        others = [f"{n.code}.{s.code}" for n in inventory for s in n]
-        raise _no_response(
-            "response.station_other",
-            f"the StationXML is of {_some(others)}, not of {stats.network}.{stats.station}",
-            path,
+    asked = stats.network, stats.station, location_of(stats, inventory), stats.channel
+    name, every = (
+        ".".join(asked),
+        [((n.code, s.code, c.location_code, c.code), c) for n in inventory for s in n for c in s],
+    )
+    named = [(codes, c) for codes, c in every if codes == asked]
+    found = [c for _, c in named if c.is_active(time=stats.starttime) and c.response is not None]
+    if not found:
+        nearest = named or [(codes, c) for codes, c in every if codes[:2] == asked[:2]] or every
+        there = dict.fromkeys(
+            f"{'.'.join(codes)} from {_day(c.start_date, 'the beginning')} to {_day(c.end_date, 'today')}"
+            + ("" if c.response else " without its response")
+            for codes, c in nearest
         )
-    coded = [c for station in there for c in station if c.code == stats.channel]
-    if not coded:
-        codes = [c.code for s in there for c in s]
-        raise _no_response(
-            "response.channel_other",
-            f"the StationXML has channels {_some(codes)} of the station, not {stats.channel}",
-            path,
-        )
-    location = location_of(stats, inventory)
-    placed = [c for c in coded if c.location_code == location]
-    if not placed:
-        at = _some([repr(c.location_code) for c in coded])
-        raise _no_response(
-            "response.location_other",
-            f"the StationXML has {stats.channel} at location {at}, not at {stats.location!r}",
-            path,
-        )
-    timed = [c for c in placed if c.is_active(time=stats.starttime)]
-    if not timed:
-        spans = [(_day(c.start_date, "the beginning"), _day(c.end_date, "today")) for c in placed]
-        epochs = _some([f"{start} to {end}" for start, end in spans])
-        raise _no_response(
-            "response.epoch_other",
-            f"the StationXML has {name} from {epochs}, and the record is of {stats.starttime}",
-            path,
-        )
-    answering = [c for c in timed if c.response is not None]
-    if not answering:
-        raise _no_response("response.missing", f"the StationXML names {name} without its response", path)
-    stated = [c.response.instrument_sensitivity for c in answering if c.response.instrument_sensitivity]
+        of = f"the StationXML has no response of {name} at {stats.starttime}"
+        raise _no_response("response.missing", f"{of}: it has {listed(list(there), 5) or 'nothing'}", path)
+    stated = [c.response.instrument_sensitivity for c in found if c.response.instrument_sensitivity]
     gains = [part.value for part in stated if part.value is not None]
     if gains and not np.allclose(gains, gains[0], rtol=1e-6):
         given = ", ".join(f"{gain:g}" for gain in gains)
-        raise _no_response(
-            "response.given_twice",
-            f"the StationXML has {name} twice at {stats.starttime}, sensitivities {given}",
-            path,
-        )
-    return answering[0]
-
-
-def _some(names: list[str]) -> str:
-    return listed(list(dict.fromkeys(names)), 5) or "nothing"
+        what = f"the StationXML has {name} twice at {stats.starttime}, sensitivities {given}"
+        raise _no_response("response.given_twice", what, path)
+    return found[0]
 
 
 def _day(time: Any, otherwise: str) -> str:

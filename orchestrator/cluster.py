@@ -121,25 +121,23 @@ class _ClosedIfNotStarted(Client):
 
 
 @contextlib.contextmanager
-def existing(address: str | None, scheduler_file: Path | None, tls: Security | None) -> Iterator[Client]:
-    """Connect to an existing scheduler.
+def existing(address: str | None) -> Iterator[Client]:
+    """Connect to an existing scheduler, with the certificates that Dask's configuration names.
 
-    address: such as `tcp://host:8786`; without it and a file, the configuration's `scheduler-address`.
-    scheduler_file: file written by `dask scheduler --scheduler-file`.
-    tls: certificates; None for the configuration's.
+    address: such as `tcp://host:8786`, or the file of `dask scheduler --scheduler-file`; without it, the
+    configuration's `scheduler-address`.
     Raises InputError if the scheduler does not answer, or refuses the connection.
     """
     load_defaults()
-    where = address or (str(scheduler_file) if scheduler_file else dask.config.get("scheduler-address", ""))
-    if scheduler_file is not None and not scheduler_file.is_file():
+    where = address or dask.config.get("scheduler-address", "")
+    by_file = address and "://" not in address and not address.rpartition(":")[2].isdigit()
+    if by_file and not Path(where).is_file():
         raise _unreachable(where, "no such file")
-    options: dict[str, Any] = {"security": tls} if tls else {}
-    if scheduler_file:
-        options["scheduler_file"] = str(scheduler_file)
+    at = {"scheduler_file" if by_file else "address": address}
     try:
-        _ClosedIfNotStarted(address, timeout=_CONNECT_TIMEOUT_S, set_as_default=False, **options).close()
+        _ClosedIfNotStarted(**at, timeout=_CONNECT_TIMEOUT_S, set_as_default=False).close()
         # The timeout also applies to a restarted scheduler.
-        client = _ClosedIfNotStarted(address, timeout=BACK_WITHIN_S, set_as_default=False, **options)
+        client = _ClosedIfNotStarted(**at, timeout=BACK_WITHIN_S, set_as_default=False)
     except (OSError, ValueError, TypeError, RuntimeError) as error:
         what = str(error).splitlines()[0]
         if "ssl_context" in what:  # an internal error of Dask
@@ -235,21 +233,6 @@ def job_script(kind: str, asked: Mapping[str, Any] | None = None) -> str:
         return cluster.job_script()
 
 
-def tls_security(ca: Path, certificate: Path, key: Path) -> Security:
-    """Certificates for mutual authentication in a cluster across hosts; InputError if a file is absent."""
-    for path in (ca, certificate, key):
-        if not path.is_file():
-            raise InputError(
-                "file.absent",
-                "no such file",
-                where=str(path),
-                expected="the cluster's authority, and a certificate and key that it signed (PEM)",
-                remedy="see docs/faults.md, 'Who is let in', for the openssl commands that make them",
-            )
-    return Security(tls_ca_file=str(ca), tls_client_cert=str(certificate), tls_client_key=str(key),
-                    require_encryption=True)  # fmt: skip
-
-
 def _queue_cluster(kind: str, secrets: str, asked: Mapping[str, Any]) -> Any:
     load_defaults()
     configured = dask.config.get(f"jobqueue.{kind}", None) or {}
@@ -319,5 +302,5 @@ def _unreachable(where: str, what: str) -> InputError:
         what,
         where=f"scheduler {where}",
         expected="a Dask scheduler that answers there, with the same kind of security",
-        remedy="check the address; start one with 'dask scheduler'; give --tls-* if it asks for them",
+        remedy="check the address; start one with 'dask scheduler'; if it asks for certificates see docs/faults.md",
     )

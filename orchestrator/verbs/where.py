@@ -10,7 +10,6 @@ from typing import Any
 import click
 
 from toppling.orchestrator.misspelt import OneOf
-from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import option
 
 QUEUES = ("slurm", "pbs", "sge", "lsf", "htcondor", "oar", "moab")
@@ -53,19 +52,15 @@ _OPTIONS = (
     ),
     option(
         "--scheduler",
-        help="Address of an existing scheduler, or gateway://NAME of a cluster of Dask Gateway. Default: "
-        "DASK_SCHEDULER_ADDRESS, if set.",
+        help="Address of an existing scheduler, its file (of 'dask scheduler --scheduler-file'), or gateway://NAME of "
+        "a cluster of Dask Gateway. Default: DASK_SCHEDULER_ADDRESS, if set.",
     ),
-    option("--scheduler-file", type=shared.FILE, help="File written by 'dask scheduler --scheduler-file'."),
     option("--queue", "queue_kind", type=OneOf(list(QUEUES)), help="Batch system to request workers from."),
     option("--queue-jobs", type=_SpanType(), default="1", help="Batch jobs to submit; LOW..HIGH too."),
     option("--queue-name", "of_job_queue", help="Queue, or partition, of the batch system."),
     option("--queue-account", "of_job_account", help="Account that batch jobs are charged to."),
     option("--queue-walltime", "of_job_walltime", help="Time limit of a batch job, such as 02:00:00."),
     option("--queue-memory", "of_job_memory", help="Memory of a batch job, such as 8GB."),
-    option("--tls-ca", type=shared.FILE, help="Certificate of the cluster's authority (PEM)."),
-    option("--tls-cert", type=shared.FILE, help="Certificate of this client (PEM)."),
-    option("--tls-key", type=shared.FILE, help="Key of this client (PEM)."),
 )
 
 
@@ -81,12 +76,7 @@ def of_batch_job(where: dict[str, Any]) -> dict[str, str | None]:
 
 def _ways(where: dict[str, Any]) -> list[str]:
     """Options by which a cluster is chosen."""
-    names = {
-        "workers": "--workers",
-        "queue_kind": "--queue",
-        "scheduler": "--scheduler",
-        "scheduler_file": "--scheduler-file",
-    }
+    names = {"workers": "--workers", "queue_kind": "--queue", "scheduler": "--scheduler"}
     return [option for name, option in names.items() if where[name]]
 
 
@@ -103,29 +93,15 @@ def cluster_of(folder: Path, **where: Any) -> AbstractContextManager:
 
     Raises UsageError if options exclude each other.
     """
-    from toppling.orchestrator.cluster import existing, gateway, local, queue, tls_security
+    from toppling.orchestrator.cluster import existing, gateway, local, queue
 
-    workers, queue_kind = where["workers"], where["queue_kind"]
-    scheduler, scheduler_file = where["scheduler"], where["scheduler_file"]
+    workers, queue_kind, scheduler = where["workers"], where["queue_kind"], where["scheduler"]
     if len(ways := _ways(where)) > 1:
         raise click.UsageError(f"{' and '.join(ways)} exclude each other")
     begin = local_workers(where)
-    joins = not (begin or queue_kind)
-    tls = None
-    files = where["tls_ca"], where["tls_cert"], where["tls_key"]
-    if any(files):
-        if not joins:
-            raise click.UsageError(
-                "--tls-ca, --tls-cert and --tls-key are for a running scheduler: give --scheduler or --scheduler-file"
-            )
-        if None in files:
-            raise click.UsageError("--tls-ca, --tls-cert and --tls-key must be given together")
-        tls = tls_security(*files)
     if queue_kind:
         jobs = where["queue_jobs"]
         return queue(queue_kind, jobs.low, folder.absolute(), jobs, of_batch_job(where))
     if scheduler and scheduler.startswith(_GATEWAY):
         return gateway(scheduler.removeprefix(_GATEWAY))
-    if joins:
-        return existing(scheduler, scheduler_file, tls)
-    return local(begin, most=workers)
+    return local(begin, most=workers) if begin else existing(scheduler)

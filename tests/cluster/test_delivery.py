@@ -114,7 +114,7 @@ def test_workers_that_see_none_of_the_clients_disk_give_the_same_rows(
     with contextlib.ExitStack() as stack:
         for cache in (*hosts, hosts[0]):  # three workers on two hosts
             stack.enter_context(worker(scheduler, hidden, cache))
-        cluster = existing(None, scheduler, None)
+        cluster = existing(str(scheduler))
 
         def watch(progress):
             pass
@@ -135,7 +135,7 @@ def test_what_a_host_keeps_is_not_believed_when_it_is_something_else(
     place.parent.mkdir()
     Scene.block(0.2, 0.2, 0.5).save(place)
     run_key = RunKey(str(inputs), planned.scene_id, planned.ensemble_id, versions())
-    with worker(scheduler, [inputs, tmp_path], cache), existing(None, scheduler, None) as client:
+    with worker(scheduler, [inputs, tmp_path], cache), existing(str(scheduler)) as client:
         with refused("cluster.workers_unfit", "holds scene", f"not {planned.scene_id}"):
             check_workers(client, run_key)
         check_workers(client, run_key)  # it was removed, and is sent anew
@@ -160,9 +160,7 @@ def test_a_run_goes_on_with_a_scheduler_that_is_killed_and_started_again_at_its_
                 shutil.rmtree(cache / "delivered")  # all has to be offered once more
                 stack.enter_context(running_scheduler(second, port))
 
-        progress = run(
-            plan_of(campaign), tmp_path / "run", existing(f"tcp://127.0.0.1:{port}", None, None), watch
-        )
+        progress = run(plan_of(campaign), tmp_path / "run", existing(f"tcp://127.0.0.1:{port}"), watch)
         assert lost.poll() is not None
         assert [each.poll() for each in workers] == [None, None]  # they came back by themselves
     assert (progress.deaths, progress.failed) == (0, 0)

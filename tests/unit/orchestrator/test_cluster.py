@@ -34,7 +34,7 @@ ROOT = Path(__file__).parents[3]
 def test_an_address_that_asks_for_tls_is_refused_without_certificates_and_nothing_is_left_open():
     before = set(threading.enumerate())
     with refused("cluster.unreachable"):
-        existing("tls://127.0.0.1:1", None, None).__enter__()
+        existing("tls://127.0.0.1:1").__enter__()
     # A client that is still open would wait for its loop for a minute when the program ends.
     assert set(threading.enumerate()) <= before
 
@@ -43,8 +43,6 @@ def test_an_address_that_asks_for_tls_is_refused_without_certificates_and_nothin
     ("options", "told"),
     [
         (["--workers", "2", "--scheduler", "tcp://x:1"], "exclude each other"), (["--dry-run"], "--queue"),
-        (["--scheduler", "tls://x:1", "--tls-ca", "ca.pem"], "given together"),
-        (["--workers", "2", "--tls-ca", "ca.pem"], "--tls-ca"),
     ],
 )  # fmt: skip
 def test_wrong_usage_of_a_cluster_is_told_and_writes_nothing(tmp_path, options, told):

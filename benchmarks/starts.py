@@ -1,11 +1,13 @@
 """How long a user waits: until a run's first row is stored, and for each answer about a run, beside a bare script.
 
     .venv/bin/python benchmarks/starts.py [NAME ...]    # first_row, status, query, report, import, replay, compile
+    .venv/bin/python benchmarks/starts.py overhead [CAMPAIGN]    # a run's processor time over a process pool's
 
 The bare script imports NumPy and writes one row with PyArrow. Of each the processor's time of all processes, and the
 wall time, as ratios to the bare script's in the same run: on a machine that others use only the ratios mean anything.
 """
 
+import multiprocessing
 import os
 import resource
 import subprocess
@@ -13,6 +15,7 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import psutil
@@ -22,10 +25,15 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.motion import Motion
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
+from toppling.orchestrator.campaign import Campaign
+from toppling.orchestrator.plan import plan_of
+from toppling.results.store import write_part
+from toppling.workers.job import Assets, JobSpec, run_job
 
 BARE = "import numpy, pyarrow as a, pyarrow.parquet as p; p.write_table(a.table({'x': numpy.ones(1)}), 'bare.parquet')"
 COMPILE = "from toppling.workers.shake import compile_once; compile_once()"
 RECORDS, FILES = 24, 390
+ASSETS: list[Assets] = []
 CAMPAIGN = """\
 scene = "scene"
 ensemble = "ensemble"
@@ -98,6 +106,29 @@ def first_row(folder: Path) -> tuple[float, float]:
     return spent, wall
 
 
+def by_pool(campaign: str) -> None:
+    """The jobs of a campaign through a process pool, their rows into one file."""
+    planned = plan_of(Campaign.read(campaign))
+    specs = [planned.spec(int(row)) for row in planned.order]
+    assets = Assets(Scene.load(planned.campaign.scene), Ensemble.load(planned.campaign.ensemble))
+    with multiprocessing.Pool(2, initializer=ASSETS.append, initargs=(assets,)) as pool:
+        rows = pool.map(row_of, specs, chunksize=8)
+    Path("pool/parts").mkdir(parents=True)
+    write_part(Path("pool"), rows)
+
+
+def row_of(spec: JobSpec) -> dict[str, Any]:
+    """Row of a job, in a process of the pool."""
+    return run_job(spec, ASSETS[0])
+
+
+def overhead(campaign: Path, folder: Path) -> None:
+    """Print the processor's time of all processes of a pool and of a run."""
+    pool, _ = timed([sys.executable, __file__, "pool", str(campaign)], folder)
+    spent, _ = timed(command("run", campaign, "--out", "compared", "--workers", 2), folder)
+    print(f"pool {pool:.1f} s, run {spent:.1f} s: {spent / pool:.2f}")
+
+
 def job_of(folder: Path) -> str:
     """Id of the first job of the run."""
     return str(pq.read_table(folder / "run" / "jobs.parquet")["job_id"][0])
@@ -132,4 +163,12 @@ def main(asked: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    if sys.argv[1:2] == ["pool"]:
+        by_pool(sys.argv[2])
+    elif sys.argv[1:2] == ["overhead"]:
+        with tempfile.TemporaryDirectory() as scratch:
+            make_inputs(Path(scratch))
+            given = sys.argv[2] if sys.argv[2:] else f"{scratch}/campaign.toml"
+            overhead(Path(given).absolute(), Path(scratch))
+    else:
+        main(sys.argv[1:])

@@ -104,7 +104,11 @@ def _local_session(most: int) -> Iterator[Client]:
 @contextlib.contextmanager
 def reported(cluster: contextlib.AbstractContextManager[Client], report: Path | None) -> Iterator[Client]:
     """Use a cluster, and write Dask's performance report of that time to a file, if given."""
-    report_too = performance_report(str(report)) if report else contextlib.nullcontext()
+    if report is None:
+        report_too: Any = contextlib.nullcontext()
+    else:
+        dask.config.set({"distributed.worker.profile.enabled": True})
+        report_too = performance_report(str(report))
     with cluster as client, client.as_current(), report_too:
         yield client
 

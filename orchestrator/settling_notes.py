@@ -14,7 +14,7 @@ from toppling.workers.seating import settled
 
 _MEANT_FROM_DEG = 1.0
 _MEANT_FROM_SHARE = 0.01
-"""Displacement from which, like from that tilt, a settling exceeds the error of an interface, as a fraction of height."""
+"""Displacement over height from which, as from that tilt, a settling exceeds the error of an interface."""
 
 _WHY_A_SCANNED_ROCK_SETTLES = (
     "it was scanned at rest, so one observation contradicts standing: a rim that is not where it seems, another plane "

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from typing import IO
 
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-"""How many there are decides in which order BLAS sums, and with it the last bit."""
+"""Environment variables of the number of BLAS threads, which affects the order of sums and so the last bit."""
 
 _ENVIRONMENT = _ONE_THREAD | {
     "PYTHONSAFEPATH": "1",  # nothing is imported from the folder that it happens to be started in
@@ -22,7 +22,7 @@ _ENVIRONMENT = _ONE_THREAD | {
 
 
 class WorkerProcess:
-    """A process that waits to be told its scheduler, and ends when its standard input closes."""
+    """Process that waits for its scheduler's address, and ends when its standard input is closed."""
 
     def __init__(self) -> None:
         self.errors: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115  (closed by `end`)
@@ -34,7 +34,7 @@ class WorkerProcess:
         )  # fmt: skip
 
     def end(self) -> None:
-        """End the process, if it has not ended, and close what leads to it."""
+        """End the process if necessary, and close its pipes."""
         self.process.kill()
         with self.process, self.errors, contextlib.suppress(OSError):  # the rest of what was told
             assert self.process.stdin is not None
@@ -45,7 +45,7 @@ _AHEAD: list[WorkerProcess] = []
 
 
 def worker_process() -> WorkerProcess:
-    """A process that was started ahead, or another."""
+    """Take a process that was started in advance, or start one."""
     with contextlib.suppress(IndexError):
         return _AHEAD.pop()
     return WorkerProcess()
@@ -53,7 +53,7 @@ def worker_process() -> WorkerProcess:
 
 @contextlib.contextmanager
 def started_ahead(count: int) -> Iterator[None]:
-    """Let so many processes begin, at most one a core; those that nobody has taken in the end are ended."""
+    """Start processes in advance, at most one per core; those still unused at the end of the block are ended."""
     with contextlib.suppress(OSError):  # who needs them will tell
         _AHEAD.extend(WorkerProcess() for _ in range(min(count, os.cpu_count() or 1)))
     try:

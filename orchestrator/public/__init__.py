@@ -1,4 +1,4 @@
-"""What the verbs of the command line do, as functions with results: `from toppling import scan, run, fragility`."""
+"""Public functions behind the commands of the command line: `from toppling import scan, run, fragility`."""
 
 from typing import Any
 
@@ -8,8 +8,8 @@ __all__ = [
 ]  # fmt: skip
 
 REALISATIONS = 8
-"""Half samples of a scan's points, for the uncertainty."""
+"""Number of half samples of a scan's points, for the uncertainty."""
 
 
 def unseen(*_: Any, **__: Any) -> None:
-    """Take note of nothing: for callers who do not watch."""
+    """Progress callback that does nothing."""

@@ -1,4 +1,4 @@
-"""Rocks judged under a set of events, or under two curves of two measures at once."""
+"""Constraint of a set of events, or of two hazard curves of different measures, by standing rocks."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -31,9 +31,9 @@ from toppling.results.hazard.vector import READINGS, SCATTERS, SIGMA, correlatio
 def judged_by_events(
     question: Question, jobs: Mapping[Path, Jobs], advance: Callable[[], None]
 ) -> tuple[Update, dict[str, Any]]:
-    """What events say of rocks that stand: the update, and the statement for JSON.
+    """Update of a set of events by standing rocks, and the statement for JSON.
 
-    jobs: of those rocks that are runs.
+    jobs: jobs of those rocks that are runs.
     advance: called before each bootstrap sample of records.
     """
     events, measures = _of_set(question) if question.event_set else _of_curves(question)
@@ -53,7 +53,7 @@ def judged_by_events(
 
 
 def _of_set(question: Question) -> tuple[EventSet, tuple[str, ...]]:
-    """A set of events, and the measures of it that are meant."""
+    """Read the set of events, and select its measures."""
     asked, path = question.asked, question.event_set
     assert path is not None
     events = read_events(path, asked.ratio, question.events.event_rate, question.events.catalogue_years)
@@ -71,7 +71,7 @@ def _of_set(question: Question) -> tuple[EventSet, tuple[str, ...]]:
 
 
 def _of_curves(question: Question) -> tuple[EventSet, tuple[str, ...]]:
-    """Curves of two measures as a set of events."""
+    """Convert curves of two measures to a set of events."""
     asked = question.asked
     trees = [read_tree(question.hazard, replace(asked, measure=one)) for one in asked.measures]
     return _of_two_trees(trees[0], trees[1], question.events.correlation), asked.measures
@@ -80,9 +80,9 @@ def _of_curves(question: Question) -> tuple[EventSet, tuple[str, ...]]:
 def _fragility(
     path: Path, measures: tuple[str, ...], jobs: Jobs | None, advance: Callable[[], None]
 ) -> Fragility:
-    """Fragility over one measure or two, with its bootstrap samples, from a run or a file of curves.
+    """Fragility over one or two measures, with bootstrap samples, from a run or a file of curves.
 
-    Raises InputError if it states none over two measures, or its answers have no such fit.
+    Raises InputError if there is none over two measures, or the answers have no such fit.
     """
     if len(measures) == 1:
         return standing_rock("", path, measures[0], jobs, advance).fragility
@@ -109,9 +109,9 @@ def _fragility(
 def _placed(
     names: Sequence[str], events: EventSet, asked: Sequence[tuple[float, float] | str]
 ) -> tuple[list[int], list[float | None]]:
-    """Number of each rock's site among those of the events, and how far it is from the place that was asked for.
+    """Index of each rock's site among those of the events, and its distance from the requested location, km.
 
-    Raises InputError if there are several sites and none is asked for, or none of the name, or too far.
+    Raises InputError if there are several sites and none is requested, or none has the name, or is near enough.
     """
     if not asked:
         if len(events.sites) > 1:
@@ -153,9 +153,9 @@ def _site_of(asked: tuple[float, float] | str, events: EventSet) -> tuple[int, f
 
 
 def _of_two_trees(first: HazardTree, second: HazardTree, correlation: float | None) -> EventSet:
-    """Trees of two measures at one site as a set of events, branch by branch.
+    """Convert trees of two measures at one site to a set of events, branch by branch.
 
-    Raises InputError if the trees have different branches, or no correlation is known or given.
+    Raises InputError if the trees have different branches, or the correlation is unknown.
     """
     rho = correlation_of(first.measure, second.measure) if correlation is None else correlation
     if rho is None:
@@ -210,10 +210,7 @@ def _joint_branches(
 
 
 def _summary(update: Update, measures: tuple[str, ...], away_km: Sequence[float | None]) -> dict[str, Any]:
-    """The statement, for JSON.
-
-    away_km: of each rock's site from the place that was asked for.
-    """
+    """Statement for JSON; `away_km` is the distance of each rock's site from the requested location."""
     events = update.events
     summary = {
         "measure": "+".join(measures), "confidence": update.confidence, "source": events.source,

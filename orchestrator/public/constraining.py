@@ -1,4 +1,4 @@
-"""What standing rocks say about past ground motion, and about its hazard."""
+"""Constraints on past ground motion and on hazard by standing rocks."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -31,11 +31,7 @@ from toppling.results.hazard.update import Update
 
 
 def _check(question: Question, ages: int, of_runs: Mapping[str, object]) -> None:
-    """Refuse options that do not go together, before anything is read for long.
-
-    ages: that were given.
-    Raises UsageError: the first of them.
-    """
+    """Raise UsageError for inconsistent options, before anything slow; `ages` is the number of given ages."""
     asked, dates, sites, options = question.asked, question.dates, question.sites, question.events
     count, since, hazard = len(question.paths), dates.fragile_since, question.hazard
     of_ages = {"--common-date": dates.common, "--common-error": dates.common_error, "--fragile-since": since}
@@ -83,20 +79,20 @@ def _refuse(code: str, what: str, remedy: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class RockStatement:
-    """What standing rocks reject.
+    """Statement of the ground motions that standing rocks reject.
 
     Parameters
     ----------
     content : dict
         The statement as `toppling constrain --json` prints it.
     text : str
-        In sentences.
+        The statement in sentences.
     warnings : list of str
-        What has to be known before one relies on it.
+        Limitations of the statement.
     hazard_files : list of Path
-        That were read.
+        Hazard files that were read.
     page : str
-        The file that states all once it is written.
+        Name of the file with the complete statement, once written.
     """
 
     content: dict[str, Any]
@@ -107,13 +103,13 @@ class RockStatement:
     page: str = "constraint.html"
 
     def write(self, out: str | Path, choices: dict[str, Any] | None = None) -> int:
-        """Write page, figures and tables into a folder; their number.
+        """Write page, figures and tables to a folder; returns the number of files.
 
         Parameters
         ----------
         out : path
         choices : dict or None
-            Noted in the statement, for who files it.
+            Inputs to record in the statement.
         """
         stated = self.content | ({"choices": choices} if choices else {})
         return self._write(Path(out), without_machine(stated))
@@ -193,14 +189,14 @@ def _answer(
 
 
 def _of_each(paths: Sequence[Path], values: list[Any]) -> list[Any]:
-    """As many values as rocks: one is of all."""
+    """One value per rock: a single value is repeated."""
     return values * len(paths) if len(values) == 1 else values
 
 
 def _by_events(
     question: Question, jobs: dict[Path, asked_rocks.Jobs], advance: Callable[..., None]
 ) -> RockStatement:
-    """What rocks say event by event."""
+    """Statement under a set of events."""
     ratio = question.asked.ratio
     update, content = judged_by_events(question, jobs, advance)
     source = Path(update.events.source)
@@ -217,7 +213,7 @@ def _by_events(
 def _by_curves(
     question: Question, jobs: dict[Path, asked_rocks.Jobs], advance: Callable[..., None]
 ) -> RockStatement:
-    """What rocks say of a single event, of rates, or of curves of hazard."""
+    """Statement on a single event, on rates, or under hazard curves."""
     paths, asked, dates = question.paths, question.asked, question.dates
     tree = read_tree(question.hazard, asked, asked_rocks.measures_shared(paths)) if question.hazard else None
     rocks_apart_km = asked_rocks.apart_km(paths, tree)
@@ -253,7 +249,7 @@ def _by_curves(
 
 
 def _warnings(rocks: Sequence[Path], rested: Sequence[Basis | None]) -> list[str]:
-    """What has to be known before one relies on the rocks: runs that were not finished."""
+    """Warnings of unfinished runs."""
     return [
         f"{path}: {basis.unfinished}: this rests on the others, a smaller sample of its records, whose "
         "intervals are wider; finish the run with 'toppling run' before you rely on it"

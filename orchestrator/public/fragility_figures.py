@@ -1,4 +1,4 @@
-"""Maps, curves and fits of a run: drawn into a folder, and handed back as tables."""
+"""Maps, curves and fits of a run, written to a folder and returned as tables."""
 
 import contextlib
 import itertools
@@ -33,23 +33,23 @@ from toppling.workers.seating import settled
 
 @dataclass(frozen=True, eq=False)
 class Fragility:
-    """How strong a shaking topples a rock, as a run tells it.
+    """Fragility of a rock from a run.
 
     Parameters
     ----------
     run : Run
     folder : Path
-        Of the figures and tables.
+        Folder of the figures and tables.
     files : list of Path
     jobs : DataFrame
-        The rows that they rest on, weighted.
+        Weighted rows of the results in use.
     completeness : Completeness
     audits : mapping
-        How far the answers may be off, by who repeated some.
+        Audits of the run, by the engine or preset that repeated its jobs.
     fits : mapping
-        Of each contact the table of fragility by measure; empty unless fits were asked for.
+        Table of fragility by measure for each contact; empty without fits.
     curves : mapping
-        Of each contact its fragility curves by measure, with their intervals; empty unless fits were asked for.
+        Fragility curves by measure, with intervals, for each contact; empty without fits.
     """
 
     run: Run
@@ -134,7 +134,7 @@ def _counted(files: Iterable[Path], advance: Callable[..., None]) -> Iterator[Pa
 
 
 def _files_of_contact(planes: Iterable[maps.Plane]) -> int:
-    """Maps of three files each, one about all and those by direction, and four of directions."""
+    """Number of files of a contact: three per map (over all directions, and by direction), and four of directions."""
     return 3 * sum(1 + plane.by_direction for plane in planes) + 4
 
 
@@ -152,7 +152,7 @@ def _curves_in(folder: Path, contacts: Iterable[str]) -> dict[str, dict[str, Log
 
 
 def _jobs(run: Run, where: str | None, *, trusted: bool, weighted: bool) -> pd.DataFrame:
-    """Rows asked for, some of which have an answer."""
+    """Selected rows; InputError if none has an answer."""
     if run.rocks:
         raise InputError(
             "run.several_rocks",
@@ -177,9 +177,9 @@ def _jobs(run: Run, where: str | None, *, trusted: bool, weighted: bool) -> pd.D
 
 
 def _at_rest(scene: Scene, jobs: pd.DataFrame) -> Scene:
-    """The scene as jobs shake it, settled with their highest friction: a scanned rock is rarely exactly at rest."""
+    """Scene settled with the jobs' highest friction, as they begin: a scanned rock is rarely exactly at rest."""
     static, kinetic = frictions(jobs)[-1]
-    with contextlib.suppress(InputError):  # then it has no rest, and its section is that of the scan
+    with contextlib.suppress(InputError):  # a rock that does not stand keeps its scanned pose
         return settled(scene.with_contact(ContactProperties(static, kinetic)))
     return scene
 
@@ -189,8 +189,8 @@ def _plane_reference(run: Run, jobs: pd.DataFrame, directions: int) -> pd.DataFr
     records, levels = (sorted(jobs[name].unique()) for name in ("record_id", "level_pga_m_s2"))
     azimuths = [number * 360.0 / directions for number in range(directions)]
     simulated = simulate(scene, ensemble, records, levels, azimuths)
-    # Each record counts in the lines as in the cells that they are drawn over.
-    weight = records_weight(jobs)  # the reference has one base
+    # Records have the same weights as in the cells; bases have none, because the reference has a single one.
+    weight = records_weight(jobs)
     if weight is None:
         return reference_lines(simulated)
     weights = jobs[["record_id"]].assign(record_weight=weight).drop_duplicates("record_id")

@@ -1,4 +1,4 @@
-"""What is asked of rocks and of a hazard: paths with weights, a site, measures, dates; and the tree that is meant."""
+"""Parsed request for a constraint: weighted hazard files, sites, measures, ages; and reading of the selected tree."""
 
 import math
 from collections.abc import Sequence
@@ -21,13 +21,13 @@ from toppling.results.hazard.readers.event_sets import is_event_set
 from toppling.results.hazard.tree import HazardTree
 
 _DEFAULT_MEASURES = ("pgv_m_s", "pga_m_s2")
-"""The measure of a constraint, where hazard and rocks have several: the first of these, then of `COMPARED`."""
+"""Preferred measures of a constraint if hazard and rocks have several in common, before those of `COMPARED`."""
 
 
 def _weighted_paths(texts: Sequence[str]) -> tuple[list[Path], list[float] | None]:
-    """Paths of PATH or PATH=WEIGHT, and their weights; None where none has one.
+    """Parse PATH or PATH=WEIGHT to paths and weights, None without weights.
 
-    Raises UsageError if a weight is no positive number.
+    Raises UsageError if a weight is not a positive number.
     Raises InputError if only some have weights, or they do not sum to 1.
     """
     paths, weights = [], []
@@ -70,20 +70,17 @@ def _weighted_paths(texts: Sequence[str]) -> tuple[list[Path], list[float] | Non
 
 @dataclass(frozen=True)
 class HazardQuestion:
-    """What is asked of a hazard."""
+    """Selection of a hazard."""
 
-    site: tuple[float, float] | str | None = None  # (longitude, latitude)
+    site: tuple[float, float] | str | None = None  # (longitude, latitude), or a name
     ratio: float = 1.0  # peak of the horizontal vector over the hazard's horizontal component
-    measure: str | None = None  # column of the results
-    # Time that values are probabilities over, 0 for annual rates, where files do not say.
+    measure: str | None = None  # column of the results, or two joined by +
+    # Investigation time of probabilities, 0 for annual rates, for files that do not state it.
     years: float | None = None
 
     @property
     def measures(self) -> tuple[str, ...]:
-        """Both of `pga_m_s2+pgv_m_s`; none where none is asked for.
-
-        Raises InputError if one is unknown, or two together have no fragility.
-        """
+        """Requested measures, two for `pga_m_s2+pgv_m_s`; InputError if unknown, or without a joint fragility."""
         names = tuple(part.strip() for part in self.measure.split("+")) if self.measure else ()
         unknown = any(name not in COMPARED and not is_spectral(name) for name in names)
         if unknown or (len(names) > 1 and names != SURFACES[0]):
@@ -100,7 +97,7 @@ class HazardQuestion:
 
 @dataclass(frozen=True)
 class Dates:
-    """How long rocks have stood, beyond an age of each.
+    """Relations between the ages of rocks, and dates since which they have been as fragile as now.
 
     Parameters
     ----------
@@ -125,7 +122,7 @@ class Dates:
 
 @dataclass(frozen=True)
 class EventOptions:
-    """What is said of events.
+    """Options for events.
 
     Parameters
     ----------
@@ -144,11 +141,11 @@ class EventOptions:
 
 @dataclass(frozen=True, eq=False)
 class Question:
-    """What is asked of standing rocks: of ages and dates there is one a rock."""
+    """Request for a constraint by standing rocks, with one age and date per rock."""
 
     paths: tuple[Path, ...]
     ages: list[Array]
-    ages_given: list[str]  # in words; empty where none is known
+    ages_given: list[str]  # labels; empty where unknown
     since: list[Since | None]
     dates: Dates
     hazard: tuple[str, ...]
@@ -164,10 +161,7 @@ class Question:
 
     @cached_property
     def event_set(self) -> Path | None:
-        """The set of events that the hazard is; None where it is curves.
-
-        Raises InputError if it names a set and more beside it.
-        """
+        """Set of events of the hazard, or None for curves; InputError if further files are given with a set."""
         paths, _ = _weighted_paths(self.hazard)
         sets = [path for path in paths if is_event_set(path)]
         if sets and len(paths) > 1:
@@ -182,17 +176,17 @@ class Question:
 
     @property
     def apart(self) -> bool:
-        """Whether only events one by one have an answer: two measures together."""
+        """Whether two measures are used jointly, which only single events support."""
         return len(self.asked.measures) > 1
 
     @cached_property
     def joint_ages(self) -> Array:
-        """Draws of the ages, one column a rock."""
+        """Joint draws of the ages, one column per rock."""
         return joint_ages(self.ages, self.dates.common, self.dates.common_error)
 
 
 def read_tree(texts: Sequence[str], asked: HazardQuestion, rocks: Sequence[str] = COMPARED) -> HazardTree:
-    """The one tree that --hazard, --site and --measure mean, over a measure that rocks have a fragility over."""
+    """Tree selected by --hazard, --site and --measure, over a measure for which the rocks have a fragility."""
     paths, weights = _weighted_paths(texts)
     trees = read_hazard(paths, weights, Hints(asked.site, asked.measure, asked.years))
     where = texts[0] if len(texts) == 1 else "--hazard"
@@ -210,7 +204,7 @@ def read_tree(texts: Sequence[str], asked: HazardQuestion, rocks: Sequence[str] 
 
 
 def shared_measure(stated: Sequence[str], rocks: Sequence[str], where: str) -> str:
-    """First of the usual measures, then of the rocks', that a hazard states and the rocks have a fragility over."""
+    """Measure common to a hazard and the rocks' fragilities: the first of the defaults, then of the rocks' order."""
     for name in (*_DEFAULT_MEASURES, *rocks):
         if name in stated and name in rocks:
             return name

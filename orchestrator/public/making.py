@@ -1,4 +1,4 @@
-"""From clouds to a scene, and to one whose hidden base is drawn again; what lies in its folder beside the scene."""
+"""Scenes from point clouds, new draws of a scene's hidden base, and the further files of a scene's folder."""
 
 import shutil
 from collections.abc import Callable, Mapping, Sequence
@@ -36,9 +36,9 @@ class Scanned:
     ----------
     scene : Scene
     folder : Path
-        The scene's, with pictures of it.
+        Folder of the scene, with figures.
     notes : list of str
-        What has to be known before one relies on it.
+        Limitations of the scene.
     """
 
     scene: Scene
@@ -106,7 +106,7 @@ def written(
     advance: Callable[..., None] = unseen,
     replaces: bool = False,
 ) -> list[str]:
-    """Write what a scan became, with its pictures and the hints that it was given; what is said of it."""
+    """Write the scene of a scan with its figures and hints; returns notes for the user."""
     draw, notes = _pictured(result.scene)
     advance(1, "writing")
 
@@ -175,10 +175,10 @@ def scan_again(
 def written_again(
     scene: Path, out: Path | None, drawn: Scene, kept: WorkedOut, replaces: bool = False
 ) -> Scanned:
-    """Write a scene whose base was drawn again in place of the former one, or into another folder.
+    """Write a scene with a newly drawn base in place of the former scene, or to another folder.
 
-    scene: folder of the former one.
-    replaces: whether the other folder may be there already.
+    scene: folder of the former scene.
+    replaces: whether the other folder may exist.
     """
     draw, notes = _pictured(drawn)
     target = scene if out is None else out
@@ -193,9 +193,9 @@ def written_again(
 
 
 def placed_cloud(files: Sequence[Path], hints: CloudHints) -> tuple[Cloud, SeparatedMeshes | None]:
-    """Points of files in metres, z up, by what files and user say; and rock and pedestal if each is given as a mesh.
+    """Points of files in metres, z up, by the files' and the user's information; rock and pedestal if given as meshes.
 
-    Raises InputError if a file cannot be read, or what is said contradicts itself.
+    Raises InputError if a file cannot be read, or hints are inconsistent.
     """
     if (hints.get("rock") or hints.get("pedestal")) and hints.get("near"):
         raise InputError(
@@ -219,9 +219,9 @@ def placed_cloud(files: Sequence[Path], hints: CloudHints) -> tuple[Cloud, Separ
 
 
 def placed_by(hints: CloudHints) -> tuple[Placement, Reference | None]:
-    """How coordinates become metres, z up, and their coordinate system if the user names one.
+    """Transformation of coordinates to metres, z up, and the coordinate system if the user gives one.
 
-    Raises InputError if what is said contradicts itself.
+    Raises InputError if hints are inconsistent.
     """
     crs, length, gcp = hints.get("crs"), hints.get("length"), hints.get("gcp")
     if crs and length:
@@ -238,7 +238,7 @@ def placed_by(hints: CloudHints) -> tuple[Placement, Reference | None]:
 
 
 def of_base(hints: Mapping[str, Any]) -> dict[str, Any]:
-    """What hints say of the base, as :func:`inspection_of` takes it."""
+    """Arguments of :func:`inspection_of` from hints on the base."""
     return {
         "pulls": hints.get("pull") or (), "touching_m": hints.get("touch") or (), "open_m": hints.get("daylight") or (),
         "base": hints.get("base"), "touch_only": bool(hints.get("touch_only")),
@@ -246,7 +246,7 @@ def of_base(hints: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def said_of_base(known: Inspection) -> dict[str, Any]:
-    """What is known of the base by the names of hints, in lists and words."""
+    """Hints on the base, by name, from an inspection."""
     return {
         "touch": known.touching_m.tolist(), "daylight": known.open_m.tolist(),
         "pull": [list(each) for each in known.pulls], "base": known.base, "touch_only": known.touch_only,
@@ -254,7 +254,7 @@ def said_of_base(known: Inspection) -> dict[str, Any]:
 
 
 def hints_said(given: Mapping[str, Any], inspection: Inspection) -> dict[str, Any]:
-    """What was said of a scan, as `hints.toml` has it: what files hold, and not where they lie."""
+    """Hints of a scan for `hints.toml`, with the content of files instead of their paths."""
     gcp, outline = given.get("gcp"), given.get("outline")
     said = {**given, **said_of_base(inspection), "gcp": control_point_lines(gcp) if gcp else None}
     if isinstance(outline, str | Path):
@@ -263,7 +263,7 @@ def hints_said(given: Mapping[str, Any], inspection: Inspection) -> dict[str, An
 
 
 def _pictured(scene: Scene) -> tuple[Callable[[Path], None], list[str]]:
-    """What draws a scene's pictures into its folder, and what the user should know of its rest and base."""
+    """Function that draws a scene's figures into its folder, and notes on its settling and base."""
     notes = settling_notes(scene) + base_sentences(scene.report)
 
     def draw(folder: Path) -> None:

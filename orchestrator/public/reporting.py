@@ -1,4 +1,4 @@
-"""What runs say: queries, the report, and what standing rocks say about ground motion."""
+"""Queries and reports of runs."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -20,7 +20,7 @@ from toppling.results.reader import Run, open_run
 def query(
     runs: Run | str | Path | Sequence[Run | str | Path], sql: str, *, trusted: bool = False
 ) -> pa.Table:
-    """Answer of one SELECT over the tables `results`, `motions`, `scene` and `bases` of runs, as `toppling query`.
+    """Answer one SELECT over the tables `results`, `motions`, `scene` and `bases` of runs, as `toppling query`.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def query(
     Raises
     ------
     InputError
-        If DuckDB refuses the query, or it would pool rows that answer different questions.
+        If DuckDB refuses the query, or it would pool different experiments.
     """
     several = [runs] if isinstance(runs, Run | str | Path) else runs
     return ask([_opened(one) for one in several], sql, trusted=trusted)

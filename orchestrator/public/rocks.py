@@ -1,4 +1,4 @@
-"""Standing rocks as verbs take them: runs, or files of fragility curves."""
+"""Standing rocks given as runs or as files of fragility curves."""
 
 import os
 from collections.abc import Callable, Sequence
@@ -33,7 +33,7 @@ from toppling.results.weights import CONTACT, Weights, unweighed
 
 @dataclass(frozen=True, eq=False)
 class Jobs:
-    """Weighted jobs of one contact of a run, and what weights their bases."""
+    """Weighted jobs of one contact of a run, and the weights of their bases."""
 
     frame: pd.DataFrame
     weights: Weights | None
@@ -43,7 +43,7 @@ class Jobs:
 def of_atlases(
     rocks: tuple[Path, ...], ages: tuple[str, ...], asked: str | None
 ) -> tuple[tuple[Path, ...], tuple[str, ...]]:
-    """Rocks with those of an atlas in its place, and their ages: as asked for, or of all as the atlas has them."""
+    """Replace atlases by their rocks; ages are those given, or else those of the atlas if all rocks have one."""
     measure = "pgv_m_s" if asked is None or "+" in asked else asked
     found: list[tuple[Path, str | None]] = []
     for path in rocks:
@@ -66,10 +66,10 @@ def of_atlases(
 
 
 def apart_km(paths: Sequence[Path], hazard: HazardTree | None) -> float:
-    """Farthest that two of some rocks stand from each other, where an atlas knows their places; 0 where it does not.
+    """Largest distance between rocks whose locations are known from an atlas, km; 0 if unknown.
 
-    Raises InputError if there is a hazard, which is that of one site, and they stand beyond the reach of one, or its
-    own site beyond that of a rock.
+    Raises InputError if there is a hazard (of a single site), and rocks or its site are farther apart than the reach
+    of a site.
     """
     entries = [(str(path), open_run(path).entry) for path in paths if path.is_dir()]
     places = {
@@ -94,7 +94,7 @@ def apart_km(paths: Sequence[Path], hazard: HazardTree | None) -> float:
 
 
 def measures_shared(rocks: Sequence[Path]) -> list[str]:
-    """Measures over which all files of curves have a fragility; a run may have any that are compared."""
+    """Measures for which all files of curves have a fragility; a run may have all of `COMPARED`."""
     stated = [[*read_curves(path)] if not path.is_dir() else [*COMPARED] for path in rocks]
     ordered = dict.fromkeys([*COMPARED, *stated[0]])
     return [name for name in ordered if all(name in one for one in stated)]
@@ -103,7 +103,7 @@ def measures_shared(rocks: Sequence[Path]) -> list[str]:
 def standing_rock(
     name: str, path: Path, measure: str, jobs: Jobs | None, advance: Callable[[], None]
 ) -> Standing:
-    """A rock with the fragility of a run or of a file, and its bootstrap samples of records where these are known."""
+    """Standing rock with the fragility from a run or a file, and bootstrap samples where available."""
     if jobs is None:
         curve = read_curves(path).get(measure)
     else:
@@ -121,7 +121,7 @@ def standing_rock(
 
 
 def read_jobs(path: Path, where: str | None, trusted: bool, recorded: Recorded | None) -> Jobs:
-    """The jobs requested, with the weights of their records and bases."""
+    """Selected jobs of a run, with the weights of their records and bases."""
     run = open_run(path)
     if rocks := run.rocks:
         raise InputError(
@@ -158,7 +158,7 @@ def read_jobs(path: Path, where: str | None, trusted: bool, recorded: Recorded |
 
 
 def _weighed(path: Path, jobs: pd.DataFrame, recorded: Recorded, own: Weights | None) -> Weights:
-    """Weights of a run's bases from more motions that its rock survived; the shakes are not kept."""
+    """Weights of a run's bases updated by further survived motions; the shakes are not stored."""
     from toppling.orchestrator.campaign import Campaign
     from toppling.orchestrator.cluster import local
     from toppling.orchestrator.progress import watcher
@@ -184,7 +184,7 @@ def _weighed(path: Path, jobs: pd.DataFrame, recorded: Recorded, own: Weights | 
 
 
 def of_bases(jobs: Jobs, curve: Lognormal) -> dict[str, Any]:
-    """What the motions that a rock survived say about its base, and the resulting shift of the median."""
+    """Summary of a rock's base weights from survived motions, and the resulting shift of the median."""
     assert jobs.weights is not None
     summary = jobs.weights.summary(jobs.frame)
     alike = fit(with_measure(unweighed(jobs.frame), curve.measure), [curve.measure]).lognormal
@@ -198,7 +198,7 @@ def of_bases(jobs: Jobs, curve: Lognormal) -> dict[str, Any]:
 
 
 def refuse_twins(rocks: tuple[Path, ...], rested: Sequence[Basis | None]) -> None:
-    """Refuse a rock that is given twice, by its scene's hash or else its file: it would count twice."""
+    """Refuse duplicate rocks, identified by the scene's hash or else the file."""
     seen: dict[str, Path] = {}
     for path, basis in zip(rocks, rested, strict=True):
         of = basis.scene_id if basis else str(path.resolve())
@@ -214,6 +214,6 @@ def refuse_twins(rocks: tuple[Path, ...], rested: Sequence[Basis | None]) -> Non
 
 
 def names_of(rocks: tuple[Path, ...]) -> list[str]:
-    """Last part of each path, or the whole paths where these are not distinct."""
+    """Names of rocks: last parts of the paths, or the whole paths if those are not distinct."""
     stems = [path.stem for path in rocks]
     return stems if len(set(stems)) == len(stems) else [str(path) for path in rocks]

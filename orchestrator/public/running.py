@@ -1,4 +1,4 @@
-"""From a campaign to a run."""
+"""Planning and execution of campaigns."""
 
 import os
 from collections.abc import Collection
@@ -30,7 +30,7 @@ from toppling.results.reader import Run, open_run
 
 @dataclass(frozen=True, eq=False)
 class Planned:
-    """What a campaign comes to, without a job done.
+    """Planned campaign: its jobs and warnings.
 
     Parameters
     ----------
@@ -39,11 +39,11 @@ class Planned:
     scene : Scene or None
         None for many rocks.
     settling : Settling or None
-        How far the rock settles under the friction with which it tilts most; None for many rocks.
+        Settling of the rock with the friction for which it tilts most; None for many rocks.
     warnings : list of str
         Probable mistakes.
     rocks : dict
-        For many rocks: `scenes`, what is known of each, and `left_out`, those that cannot be read.
+        For many rocks: `scenes`, an entry for each, and `left_out`, those that cannot be read.
     """
 
     campaign: Campaign
@@ -55,7 +55,7 @@ class Planned:
 
     @property
     def jobs(self) -> pa.Table:
-        """One row a job: its id, record, level (m/s2), azimuth (degrees), friction, restitution and realisation."""
+        """One row per job: id, record, level (m/s2), azimuth (degrees), friction, restitution and realisation."""
         return self.plan.jobs
 
 
@@ -88,14 +88,14 @@ def plan(campaign: Campaign | str | Path) -> Planned:
 
 @dataclass(frozen=True, eq=False)
 class CarriedOut:
-    """A run whose jobs are done.
+    """A finished session of a run.
 
     Parameters
     ----------
     folder : Path
-        Of a run in a store, its copy on this machine.
+        The run's folder; for a run in an object store, its local copy.
     session : RunProgress
-        What this session did.
+        Progress of this session.
     """
 
     folder: Path
@@ -118,25 +118,25 @@ def run(
     again: Collection[str] = (),
     take_over: bool = False,
 ) -> CarriedOut:
-    """Carry a campaign out, or go on with it, as `toppling run` does: its audit included.
+    """Execute or resume a campaign, including its audit, as `toppling run` does.
 
     Parameters
     ----------
     campaign : Campaign or path
     out : path
-        The run's folder: a new one, or one that this campaign began. Of an address in an object store, such as
-        ``s3://bucket/run``, the copy on this machine is written, and carried there every few seconds and at the end.
+        The run's folder: a new one, or one of this campaign to resume. For an address in an object store, such as
+        ``s3://bucket/run``, a local copy is written, and uploaded every few seconds and at the end.
     cluster : Dask client, context manager of one, or None
         Where the jobs run, such as ``Client(address)`` or ``cluster.get_client()`` of Dask Gateway, Kubernetes or
         Coiled; processes of this machine unless given.
     workers : int or None
-        So many processes; one a core unless given.
+        Number of local processes; one per core unless given.
     watch : callable
-        Shown the progress of the session, often.
+        Called often with the progress of the session.
     limits : Limits
-        When a job is given up.
+        Limits beyond which a job is given up.
     again : collection of str
-        Statuses whose jobs are done again, such as ``{"failed"}``.
+        Statuses whose jobs are repeated, such as ``{"failed"}``.
     take_over : bool
         Go on with a run in an object store although another process, which was killed, still holds it.
 
@@ -146,7 +146,7 @@ def run(
         If the campaign does not fit its scene, its ensemble or the folder, workers are unfit for the run, or the
         store does not answer or is written to by another process.
     RunError
-        If the run cannot go on; what was done stays, and the same call goes on.
+        If the run cannot continue; stored rows are kept, and the same call resumes it.
     """
     chosen = campaign if isinstance(campaign, Campaign) else Campaign.read(campaign)
     folder = at_hand(out)

@@ -1,3 +1,3 @@
-"""One module a verb of the command line; each imports the rooms it needs when it is called."""
+"""Commands of the command line, one module each, which import what they need when they are called."""
 
 __all__ = []

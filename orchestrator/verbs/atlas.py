@@ -78,10 +78,7 @@ def atlas(
 
 
 def _rocks_of(opened: list[Run]) -> list[Run]:
-    """The rocks of some runs, each once.
-
-    Raises InputError if one is there twice.
-    """
+    """Distinct rocks of some runs; InputError if one occurs twice."""
     found = [rock for run in opened for rock in (run.rocks or (run,))]
     ids = [run.scene_id() for run in found]
     if twice := [name for name, count in Counter(filter(None, ids)).items() if count > 1]:

@@ -21,7 +21,7 @@ from toppling.results.schema import TOPPLED_OUTCOMES
 from toppling.workers.options import PRESETS
 
 _SCENARIOS_SHOWN = 12
-"""Columns that a console shows."""
+"""Maximum number of scenarios (columns) in the printed table."""
 
 
 @click.command()

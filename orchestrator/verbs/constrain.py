@@ -89,7 +89,7 @@ def constrain(
 
 
 def _choices(rocks: Sequence[Path], hazard_files: Sequence[Path]) -> dict[str, Any]:
-    """What was asked for and read, for who files the statement: options, files and their SHA-256, the program."""
+    """Record of a statement's inputs for archiving: options, files with SHA-256, and program version."""
     asked = click.get_current_context().params
     files = [path for path in rocks if path.is_file()] + [*hazard_files]
     return {

@@ -30,7 +30,7 @@ _DESIGNS = ((1, 8), (1, 4), (2, 4), (2, 2), (3, 2), (3, 1), (6, 1))
 """Step of the levels in m/s2 and number of azimuths, from the study's own to coarser ones."""
 
 _BASES = 8
-"""Of the rock that jobs are spread over: each takes a second to be made ready."""
+"""Maximum number of drawn bases that jobs are spread over: preparing one takes a second."""
 
 _QUERY = """\
 select level_pga_m_s2, count(toppled) as jobs, round(avg(toppled::int), 2) as p_toppled,
@@ -75,7 +75,7 @@ def _clear(out: Path) -> None:
 
 
 def _make_scene(out: Path) -> None:
-    """Scan the demo's virtual rock into the folder `scene` of another."""
+    """Scan the demo's virtual rock into the subfolder `scene`."""
     import numpy as np
 
     from toppling.models.files.mesh_files import write_ply
@@ -108,7 +108,7 @@ def _make_records(out: Path) -> None:
 
 
 def _plan(out: Path, workers: int, seconds: float) -> None:
-    """Write the largest campaign that should end in time, judging by a few jobs on trial."""
+    """Write the largest campaign that should finish in time, estimated from a few trial jobs."""
     from toppling.models.motions.ensemble import Ensemble
     from toppling.models.scene import Scene
     from toppling.orchestrator.pilot import statics_of, try_out
@@ -119,7 +119,7 @@ def _plan(out: Path, workers: int, seconds: float) -> None:
     jobs_of = {design: _RECORDS * (1 + 18 // design[0]) * design[1] for design in _DESIGNS}
     step, sides = next((design for design in _DESIGNS if jobs_of[design] <= affordable), _DESIGNS[-1])
     azimuths = [45 + 360 * side / sides for side in range(sides)]
-    # Nobody saw the rock's base: no more of them than each record has jobs, or are soon made ready.
+    # The base is unknown: use as many draws as each record has jobs, up to the number that is quickly prepared.
     realisations = 1 if scene.unseen is None else min(_BASES, (1 + 18 // step) * sides)
     turned = [azimuth % 360 for azimuth in azimuths]
     text = _CAMPAIGN.format(step=step, azimuths=turned, realisations=realisations)

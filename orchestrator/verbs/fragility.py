@@ -71,7 +71,7 @@ def fragility(run: Path, out: Path | None, unweighted: bool, **asked: Any) -> No
 
 
 def _tell(drawn: Fragility, *, weighted: bool) -> None:
-    """Say what was written, and what the fits and audits state."""
+    """Print what was written, and the results of fits and audits."""
     jobs = drawn.jobs
     click.echo(_files(drawn.folder, drawn.files))
     for contact, of_contact in by_contact(jobs).items() if drawn.fits else ():
@@ -95,7 +95,7 @@ def _tell(drawn: Fragility, *, weighted: bool) -> None:
 
 
 def _each_rock(atlas: Run, out: Path | None) -> None:
-    """Call the verb for every rock of an atlas; one without an answer is told."""
+    """Run the command for every rock of an atlas; rocks without an answer are reported."""
     context = click.get_current_context()
     for rock in atlas.rocks:
         given = {**context.params, "run": rock.path, "out": out and out / rock.rock}
@@ -107,7 +107,7 @@ def _each_rock(atlas: Run, out: Path | None) -> None:
 
 
 def _files(folder: Path, written: list[Path]) -> str:
-    """What was written, counted."""
+    """Summary of the numbers of written files."""
     count = Counter(path.suffix for path in written)
     figures, tables = count[".png"], count[".csv"]
     has_curves = any(path.stem == "curves" for path in written)

@@ -1,4 +1,4 @@
-"""Hazard on the command line: help that verbs share, a site by place or name, values that are rates or not."""
+"""Hazard options common to several commands: help texts, sites by coordinates or name, kinds of values."""
 
 import math
 import re
@@ -17,10 +17,10 @@ SITE_HELP = (
 
 
 class SiteCommand(click.Command):
-    """A command whose --site takes longitude and latitude, or one name where it has an option for that."""
+    """Command whose --site accepts longitude and latitude, or a name where the command supports it."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Hand degrees on as numbers, and a name as --site-name, which the help does not show."""
+        """Convert coordinates to numbers, and a name to the hidden option --site-name."""
         takes_name = any("--site-name" in parameter.opts for parameter in self.params)
         named: list[str] = []
         words = list(args)
@@ -38,9 +38,9 @@ class SiteCommand(click.Command):
 
 
 def _place(words: Sequence[str]) -> tuple[int, list[str]] | None:
-    """How many words state a place, and its longitude and latitude; None if they are a name, or end too soon.
+    """Number of words of a location, and its longitude and latitude; None for a name or incomplete coordinates.
 
-    The latitude may come first where compass letters say so.
+    The latitude may come first if compass letters identify it.
     """
     ways = [(2, list(words[:2])), (1, re.split(r"[,;]\s*|\s+", words[0].strip()) if words else [])]
     for used, parts in ways:
@@ -54,10 +54,7 @@ def _place(words: Sequence[str]) -> tuple[int, list[str]] | None:
 
 
 def years_of(values: str | None) -> float | None:
-    """Years of --values, 0 for rates; None where it is not given.
-
-    Raises click.UsageError if it is neither 'rate' nor a positive number.
-    """
+    """Years of --values, 0 for rates, None if not given; UsageError if neither 'rate' nor a positive number."""
     if values is None:
         return None
     if values.lower() in ("rate", "rates"):

@@ -94,14 +94,14 @@ def _check_least(least_m_s2: float, scene: Path) -> None:
 
 
 _BELOW_LEAST = 0.9
-"""The lowest level is at most this share of the least static toppling acceleration."""
+"""Maximum of the lowest level, as a fraction of the least static toppling acceleration."""
 
 _STEPS_M_S2 = (0.1, 0.2, 0.25, 0.5, 1.0, 2.0, 2.5, 5.0, 10.0)
 
 
 @dataclass(frozen=True)
 class _Levels:
-    """Evenly spaced levels, the stop included."""
+    """Evenly spaced levels, including the stop."""
 
     start_m_s2: float
     stop_m_s2: float
@@ -112,7 +112,7 @@ class _Levels:
 
 
 def levels_between(least_m_s2: float, most_m_s2: float, count: int) -> _Levels:
-    """About so many levels at round numbers, from below the first acceleration to the second one or above.
+    """About `count` levels at round numbers, from below the least to the largest acceleration or above.
 
     Examples
     --------
@@ -121,7 +121,7 @@ def levels_between(least_m_s2: float, most_m_s2: float, count: int) -> _Levels:
     """
     low = _BELOW_LEAST * least_m_s2
     step = min(_STEPS_M_S2, key=lambda one: abs(math.log((most_m_s2 - low) / (one * max(count - 1, 1)))))
-    # On the grid of the next finer round number, so that a coarse step still begins above zero.
+    # On the grid of a finer round number if necessary, so that a coarse step still begins above zero.
     grid = step if low >= step else max((one for one in _STEPS_M_S2 if one <= low), default=low)
     start = math.floor(low / grid + 1e-9) * grid
     stop = start + math.ceil((most_m_s2 - start) / step - 1e-9) * step
@@ -139,7 +139,7 @@ _HEAD = """\
 def _keys(
     out: Path, chosen: Campaign, assets: Assets, statics: Statics, pilot: Pilot, levels: _Levels
 ) -> str:
-    """Values that suit a rock, each with its reason beside it: TOML with comments."""
+    """TOML of values that suit a rock, with the reasons as comments."""
     scene, ensemble = (
         _quoted(os.path.relpath(folder.absolute(), out.absolute().parent))
         for folder in (chosen.scene, chosen.ensemble)
@@ -151,7 +151,7 @@ def _keys(
     draws = "" if assets.scene.unseen is None else _realisations_line(len(levels) * len(chosen.azimuth_deg))
     written = {"preset", "realisations"} if draws else {"preset"}
     more = "\n".join(key.line for key in KEYS if key.example and key.name not in written)
-    # Strings of JSON are TOML's too.
+    # JSON strings are valid TOML.
     return f"""
 scene = {scene}  # folders are relative to this file
 ensemble = {ensemble}  # {counted(len(assets.ensemble.record_ids), "record")}
@@ -176,7 +176,7 @@ preset = {_quoted(chosen.preset)}  # {keys["preset"].help}: {keys["preset"].valu
 
 
 def _realisations_line(points: int) -> str:
-    """As many as show how far the unseen bases differ, but no more than each record has jobs."""
+    """Line for `realisations`: enough to represent the unknown base, but at most the number of jobs per record."""
     return f"""
 # realisations: how many the jobs of each record are spread over; their number stays. Nobody saw the rock's base: one is
 # the scene as it is, each other has one of the bases that agree with the scan, and a friction about the one above.

@@ -146,7 +146,7 @@ def magnitudes(
 def _tell(
     answer: "_Answer", statement: dict[str, Any], shares: pd.DataFrame | None, out: Path | None, as_json: bool
 ) -> None:
-    """Write and print what is excluded, with the shares of a hazard's bins where they were asked for."""
+    """Write and print the exclusions, with the excluded fraction of a hazard's bins if requested."""
     if out:
         answer.write(out, statement)
         if shares is not None:
@@ -173,7 +173,7 @@ def _check_usage(
 
 
 def _weights(models: Sequence[str]) -> tuple[list[str], list[float]]:
-    """Names of models and their weights, equal where none is given."""
+    """Names of models and their weights, by default equal."""
     pairs = [text.lower().partition("=") for text in models]
     names = [name for name, _, _ in pairs]
     if len(set(names)) < len(names):
@@ -210,7 +210,7 @@ class _Answer:
 
     @cached_property
     def tables(self) -> dict[str, tuple[pd.DataFrame, pd.DataFrame]]:
-        """Largest magnitudes and least distances, by how often the earthquake happened."""
+        """Largest magnitudes and smallest distances, by occurrence."""
         return {
             one.name: (
                 exclusion.largest_magnitudes(self.grid, self.rock.curve, self.rock.drawn, one),
@@ -221,7 +221,7 @@ class _Answer:
 
     @cached_property
     def faults(self) -> pd.DataFrame:
-        """Each fault's distance, the largest magnitude allowed there, and whether its own earthquake is excluded."""
+        """Distance of each fault, largest allowed magnitude, and whether its characteristic earthquake is excluded."""
         assert self.at_traces is not None
         lines = []
         for one in self.occurrences:
@@ -238,7 +238,7 @@ class _Answer:
         return pd.DataFrame(lines)
 
     def _topples(self, trace: FaultTrace, number: int) -> float | None:
-        """Probability that one earthquake of the fault's own magnitude topples the rock."""
+        """Probability that an earthquake of the fault's stated magnitude topples the rock."""
         if trace.magnitude is None or self.at_traces is None:
             return None
         shares = self.at_traces.weights @ exclusion.toppling_probability(
@@ -247,7 +247,7 @@ class _Answer:
         return float(np.interp(trace.magnitude, self.at_traces.magnitude, shares))
 
     def statement(self) -> dict[str, Any]:
-        """The statement: numbers that JSON has; null where nothing, or everything, is excluded."""
+        """Statement for JSON; null where nothing, or everything, is excluded."""
         tables = self.tables
         stated = [
             {
@@ -266,7 +266,7 @@ class _Answer:
         }  # fmt: skip
 
     def write(self, out: Path, statement: dict[str, Any]) -> None:
-        """Statement, tables and figures into a folder."""
+        """Write statement, tables and figures to a folder."""
         write_text(json.dumps(statement, indent=1, allow_nan=False) + "\n", out / "magnitudes.json")
         limits = float(self.grid.magnitude[0]), float(self.grid.magnitude[-1])
         for index, name in enumerate(("largest_magnitudes", "least_distances")):
@@ -291,7 +291,7 @@ class _Answer:
 
 
 def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
-    """Rows for JSON; infinite values, which say that nothing or all is excluded, have a word beside a null."""
+    """Rows for JSON; infinite values (nothing or everything excluded) become null with an explaining word."""
     rows = []
     for row in table.astype(object).to_dict("records"):
         plain = finite(row)

@@ -33,7 +33,7 @@ def plan(campaign: Path, table: Path | None, workers: int | None, no_estimate: b
     """
     from toppling.orchestrator.campaign import Campaign
 
-    chosen = Campaign.read(campaign)  # one that is refused is refused before the others are imported
+    chosen = Campaign.read(campaign)  # an invalid campaign is refused before slow imports
     from toppling.orchestrator.estimate import estimate, words_of
     from toppling.orchestrator.progress import bar
     from toppling.orchestrator.public.running import plan as expand
@@ -64,7 +64,7 @@ def plan(campaign: Path, table: Path | None, workers: int | None, no_estimate: b
 
 
 def _of_one(found: "Planned", counts: dict[str, Any]) -> tuple[list[str], list[str]]:
-    """What is said of one rock before the time and after it; counts are added."""
+    """Printed lines for one rock, before and after the time estimate; adds to `counts`."""
     from toppling.models.contact import ContactProperties
     from toppling.orchestrator.settling_notes import settling_notes
 
@@ -89,7 +89,7 @@ def _of_one(found: "Planned", counts: dict[str, Any]) -> tuple[list[str], list[s
 
 
 def _of_many(found: "Planned", counts: dict[str, Any]) -> tuple[list[str], list[str]]:
-    """The same of many rocks."""
+    """Printed lines for an atlas, before and after the time estimate; adds to `counts`."""
     counts |= {"rocks": len(found.plan.scenes), **found.rocks}
     head = [
         f"{counted(counts['jobs'], 'job')} of {counted(counts['rocks'], 'rock')}, "

@@ -50,7 +50,7 @@ def query(
     toppling query runs/first "select level_pga_m_s2, avg(toppled::int) p, count(toppled) n
                                from results group by all order by all"
     """
-    # SQL has two words at least.
+    # SQL has at least two words.
     queries = [text for text in runs if len(text.split()) > 1 and not Path(text).is_dir()]
     runs = tuple(text for text in runs if text not in queries)
     if not runs or (len(queries) != 1 and not describe):
@@ -83,12 +83,12 @@ def _say_unfinished(runs: Iterable[str]) -> None:
 
 
 def _frame(table: pa.Table) -> "pd.DataFrame":
-    """Rows as pandas prints them: whole numbers stay whole beside a null."""
+    """Rows as a pandas frame in which integers with nulls stay integers."""
     return table.to_pandas(integer_object_nulls=True)
 
 
 def _plain(value: Any) -> Any:
-    """What JSON has no word for: DuckDB's decimal sums as numbers, whole where they are, and all else as text."""
+    """Convert values for JSON: DuckDB's decimals to numbers, integers where possible, and other types to text."""
     if isinstance(value, Decimal):
         return int(value) if value == int(value) else float(value)
     return str(value)

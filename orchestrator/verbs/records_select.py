@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from toppling.models.motions.ensemble import Ensemble
 
 _MOST_EMPTY = 6
-"""Bins of a deaggregation without a record that are named, at most; the heaviest."""
+"""Maximum number of deaggregation bins without a record that are listed, by falling contribution."""
 
 
 @click.command()
@@ -101,7 +101,7 @@ def select(
 
 
 def _hazard_weights(ensemble: "Ensemble", names: list[str], hazard: "Deaggregation") -> dict[str, float]:
-    """Weights of records by a hazard, with a word on what of it no record stands for."""
+    """Weights of records from a deaggregation; prints the bins that no record represents."""
     from toppling.models.motions.selection import hazard_weights
 
     if hazard.of:
@@ -118,7 +118,7 @@ def _hazard_weights(ensemble: "Ensemble", names: list[str], hazard: "Deaggregati
 
 
 def refuse_existing_ensemble(out: Path, replace: bool) -> None:
-    """Refuse a folder that holds an ensemble already, unless it is to be replaced."""
+    """Refuse a folder that contains an ensemble, unless it is to be replaced."""
     from toppling.models.motions.ensemble import CATALOG
 
     if (out / CATALOG).exists() and not replace:

@@ -1,4 +1,4 @@
-"""What `toppling records` prints: catalogues, notes, and what was left out."""
+"""Output of `toppling records`: catalogues, notes, and files left out."""
 
 import json
 from collections.abc import Collection, Iterable, Sequence
@@ -19,7 +19,7 @@ _MOST_NOTES = 20
 
 
 def import_json(ensemble: "Ensemble", outcome: "Import") -> None:
-    """Print what was read and left out as JSON."""
+    """Print the records read and the files left out as JSON."""
     told = ("code", "what", "where", "remedy")
     left_out = [
         {"subject": r.subject} | {name: getattr(r.reason, name) for name in told} for r in outcome.refusals
@@ -38,7 +38,7 @@ def import_json(ensemble: "Ensemble", outcome: "Import") -> None:
 def show_table(
     heads: Sequence[str], rows: Iterable[Sequence[str]], left: Collection[int], title: str | None = None
 ) -> None:
-    """Print rows of words below their heads, some columns aligned to the left."""
+    """Print a table of words; the columns `left` are left-aligned."""
     from rich import box
     from rich.table import Table
 
@@ -51,7 +51,7 @@ def show_table(
 
 
 def _print(table: "Table", width: int) -> None:
-    """As wide as the terminal, or so many letters where it goes elsewhere."""
+    """Print a table as wide as the terminal, or `width` characters if the output is not a terminal."""
     from rich.console import Console
 
     console = Console()
@@ -83,7 +83,7 @@ def show_catalog(rows: list[dict]) -> None:
 
 
 def show_notes(notes: list[tuple[str, str]]) -> None:
-    """Tell what was odd in records that were read: on the standard error, a line each."""
+    """Print warnings on records to standard error, one per line."""
     for name, what in notes[:_MOST_NOTES]:
         click.echo(f"note on {name}: {what}", err=True)
     if len(notes) > _MOST_NOTES:
@@ -92,7 +92,7 @@ def show_notes(notes: list[tuple[str, str]]) -> None:
 
 
 def show_refusals(refusals: "list[Refusal]") -> None:
-    """Table of what was left out, by reason; places beyond the first few of one reason are counted."""
+    """Print a table of files left out, by reason; only the first few places of a reason are listed."""
     if not refusals:
         return
     from rich import box

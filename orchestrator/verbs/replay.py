@@ -31,7 +31,7 @@ from toppling.workers.seating import settled
 from toppling.workers.shake import shake
 
 _SAME = 1e-9
-"""Relative difference up to which two numbers count as equal."""
+"""Relative tolerance for equal numbers."""
 
 
 @click.command()
@@ -80,7 +80,7 @@ def replay(run: Path, job: str, out: Path | None) -> None:
 
 
 def _as_shaken(spec: JobSpec, nominal: Scene, shaken: Scene) -> str:
-    """A job in words, with what its realisation drew: base, friction, restitution and the turn of the motion."""
+    """Description of a job with the draws of its realisation: base, friction, restitution, rotation of the motion."""
     number, contact = spec.realisation, shaken.contact
     base = None if nominal.unseen is None else nominal.unseen.number_of(number)
     turn_deg = spec.unmeasured.turn_deg(number) if spec.unmeasured else 0.0
@@ -102,14 +102,14 @@ def _as_shaken(spec: JobSpec, nominal: Scene, shaken: Scene) -> str:
 def _replay_of(
     scene: Scene, motion: Motion, preset: str, engine: str = DEFAULT
 ) -> tuple[Replay, ShakeResult]:
-    """Shake a scene and keep the rock's trajectory."""
+    """Shake a scene and record the rock's trajectory."""
     result = shake(scene, motion, preset, trajectory=True, engine=engine)
-    assert result.trajectory is not None  # was asked for
+    assert result.trajectory is not None
     return Replay(settled(scene), motion, result.trajectory, result.topple_time_s), result
 
 
 def _write_out(shown: Replay, folder: Path, title: str) -> None:
-    """Write the files that show a shake, and name each."""
+    """Write the files of a replay, and print their names."""
     for path in each(write_replay(shown, folder, title), "drawing", total=6):
         click.echo(path)
 
@@ -120,13 +120,13 @@ _OUTCOME = [
 
 
 def _rock_of(opened: Run, scene_id: str | None) -> Run:
-    """The rock of an atlas that a job shakes, or the run itself."""
+    """Run of the rock of an atlas that a job shakes, or the run itself."""
     return next((one for one in opened.rocks if one.entry["scene_id"] == scene_id), opened)
 
 
 def specification(run: Path, job: str) -> tuple[JobSpec, str]:
     """Specification of the job whose id begins with the given text, and its full id."""
-    opened = open_run(run)  # refuses what is no run
+    opened = open_run(run)
     run = opened.root
     path = run / "jobs.parquet"
     if not path.exists():
@@ -147,7 +147,7 @@ def specification(run: Path, job: str) -> tuple[JobSpec, str]:
         )
     campaign, (chosen,) = Campaign.read(run / "campaign.toml"), found
     job_id = chosen.pop("job_id")
-    # Plans of earlier versions are of one scene and do not name it.
+    # Plans of earlier versions have a single, unnamed scene.
     of_rock = _rock_of(opened, chosen.pop("scene_id", None))
     scene, ensemble = Scene.load(of_rock.scene_folder), Ensemble.load(of_rock.ensemble_folder)
     sha = ensemble.sha(chosen["record_id"])
@@ -155,7 +155,7 @@ def specification(run: Path, job: str) -> tuple[JobSpec, str]:
 
 
 def _whence(kernels: str | None) -> str:
-    """Where an answer that differs may come from: another version, or another machine."""
+    """Possible cause of a different answer: another version, or another machine."""
     here = processor()["kernels"]
     remark = "see 'versions' in run.json: the run may come from another version or machine"
     if kernels in (None, here):

@@ -28,14 +28,14 @@ if TYPE_CHECKING:
 
 FAILED_JOBS = 3
 _AGAIN = ("crashed", "timeout", "failed")
-"""Statuses that may have a transient cause. Undecided and diverged jobs would end so again."""
+"""Statuses that may have a transient cause. Undecided and diverged jobs would have the same result again."""
 
 OF_ONE_CALL = ("again", "report", "as_json", "dry_run", "take_over", "no_estimate")
 """Options that a resuming call does not repeat."""
 
 
 def _statuses(context: click.Context, parameter: click.Parameter, value: str | None) -> list[str]:  # noqa: ARG001
-    """Read the value of --again, as click calls it."""
+    """Parse --again (a click callback)."""
     names = [] if value is None else [name.strip() for name in value.split(",")]
     for name in names:
         if name not in _AGAIN:
@@ -44,7 +44,7 @@ def _statuses(context: click.Context, parameter: click.Parameter, value: str | N
 
 
 def _precision(context: click.Context, parameter: click.Parameter, value: str | None) -> float | None:  # noqa: ARG001
-    """Read the value of --precision, as click calls it."""
+    """Parse --precision (a click callback)."""
     if value is None:
         return None
     try:
@@ -140,7 +140,7 @@ def _run(
     *,
     as_json: bool,
 ) -> None:
-    """Carry the campaign out and say what came of it; imports what takes seconds."""
+    """Execute the campaign and print the result; contains slow imports."""
     from toppling.orchestrator.cluster import reported
 
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
@@ -157,7 +157,7 @@ def _run(
 
 
 def _warn(chosen: "Campaign") -> None:
-    """Say what of the shaking was never recorded; a campaign that is refused is so by the run itself."""
+    """Warn of shaking beyond all recorded motions; an invalid campaign is refused later by the run itself."""
     from toppling.models.motions.ensemble import Ensemble
     from toppling.orchestrator.advice import shaking_warnings
 
@@ -167,7 +167,7 @@ def _warn(chosen: "Campaign") -> None:
 
 
 def _refuse_moved(chosen: "Campaign", campaign: Path, folder: Path) -> None:
-    """Refuse a campaign whose scene or records are gone while the run keeps copies, and name these."""
+    """Refuse a campaign whose scene or records are missing, naming the copies in the run."""
     kept = folder / "campaign.toml"
     gone = next((path for path in (chosen.scene, chosen.ensemble) if not path.exists()), None)
     if gone is None or not kept.is_file() or kept.samefile(campaign):
@@ -189,7 +189,7 @@ def _carry_out(
     command: str,
     asked: dict[str, Any],
 ) -> "CarriedOut":
-    """Do the jobs; where that ends early, say how to go on."""
+    """Do the jobs; if that ends early, print the command that resumes the run."""
     from toppling.orchestrator.context import RunError
     from toppling.orchestrator.progress import watcher
     from toppling.orchestrator.public.running import run as carry_out
@@ -212,7 +212,7 @@ def _carry_out(
 
 
 def _tell(chosen: "Campaign", folder: Path, shaken: "CarriedOut", command: str, *, as_json: bool) -> None:
-    """Say what was done and what it says; the exit code tells of jobs without an answer."""
+    """Print what was done and the results; the exit code indicates jobs without an answer."""
     from toppling.orchestrator.advice import suggestions
     from toppling.orchestrator.progress import duration, pace
     from toppling.orchestrator.status import shares_of, state_of
@@ -220,7 +220,7 @@ def _tell(chosen: "Campaign", folder: Path, shaken: "CarriedOut", command: str, 
 
     advice = [] if chosen.precision or chosen.sites else suggestions(shares_of(folder))
     progress, unphysical = shaken.session, unphysical_of(shaken.run)
-    state = state_of(folder)  # of all sessions: what an earlier one left without an answer still has none
+    state = state_of(folder)  # of all sessions, including unanswered jobs of earlier ones
     summary = {
         "run": str(folder), "jobs": progress.total, "done_before": progress.before, "done": progress.done,
         "toppled": state["toppled"], "failed": state["failed"], "status": state["status"],
@@ -252,7 +252,7 @@ def _tell(chosen: "Campaign", folder: Path, shaken: "CarriedOut", command: str, 
 
 
 def command_to_go_on(context: click.Context) -> str:
-    """The command that resumes this run, without the options of this call alone."""
+    """Command that resumes this run, without options that apply to this call only."""
     words = ["toppling", "run", str(context.params["campaign"])]
     for one in context.command.params:
         given = context.get_parameter_source(str(one.name)) is ParameterSource.COMMANDLINE
@@ -262,7 +262,7 @@ def command_to_go_on(context: click.Context) -> str:
 
 
 def as_given(option: click.Option, value: Any) -> list[str]:
-    """An option and its value as words of a command."""
+    """Words of a command for an option and its value."""
     if option.is_flag:
         return [option.opts[0] if value else option.secondary_opts[0]]
     words = []

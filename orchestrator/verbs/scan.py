@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from toppling.orchestrator.public.making import Scanned
 
 _LEAST_REALISATIONS = 3
-"""Fewer give no spread."""
+"""Minimum number of half samples that gives a spread."""
 
 
 def _enough(_: click.Context, __: click.Parameter, realisations: int) -> int:
@@ -35,7 +35,7 @@ def _place(_: click.Context, parameter: click.Parameter, words: tuple[str, ...])
 
 
 class _FileOrLines(click.Path):
-    """A file, or what hints.toml has of one."""
+    """Path of a file, or its content as a list from hints.toml."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Read a value."""
@@ -63,7 +63,7 @@ def _hinted(context: click.Context, _: click.Parameter, file: Path | None) -> No
 
 
 def _without_rivals(given: dict[str, Any]) -> dict[str, Any]:
-    """What is given, without those hints of a file that an option given beside it replaces."""
+    """Options without the hints of a file that options of the command line replace."""
     source = click.get_current_context().get_parameter_source
     typed = {name for name in KEYS if source(name) is click.core.ParameterSource.COMMANDLINE}
     beaten = {name for group in RIVALS if typed & set(group) for name in set(group) - typed}
@@ -209,7 +209,7 @@ def scan(
 
 
 def _tell(made: "Scanned", as_json: bool) -> None:
-    """Print what was scanned, and what the user should know of it."""
+    """Print the summary of a scan and its notes."""
     click.echo(
         json.dumps(made.scene.to_json(), allow_nan=False) if as_json else _summary(made.scene, made.folder)
     )
@@ -225,7 +225,7 @@ def _pick(
     port: int,
     opens: bool | None,
 ) -> None:
-    """Serve the page on which hints are clicked, until a scene is saved and the user has finished."""
+    """Serve the page for picking hints until the user has finished."""
     from toppling.orchestrator.pick.pick_servers import again_server, pick_server
 
     click.echo("reading", err=True)
@@ -242,7 +242,7 @@ def _pick(
 
 
 def _check_usage(files: tuple[Path, ...], again: Path | None, given: dict[str, Any]) -> None:
-    """Refuse options that do not go together."""
+    """Refuse inconsistent options."""
     if again is None:
         if not files and not (given["rock"] and given["pedestal"]):
             raise click.UsageError("Missing argument 'FILES...'.")
@@ -265,10 +265,10 @@ def _from_clouds(files: tuple[Path, ...], given: dict[str, Any]) -> "Scanned":
 
 
 def _summary(scene: Scene, out: Path) -> str:
-    """Say what the scan found in one line."""
+    """One line on the scanned rock and pedestal."""
     rock, pedestal = scene.rock, scene.pedestal
     east_m, north_m = rock.vertices_m[:, :2].max(axis=0) - rock.vertices_m[:, :2].min(axis=0)
-    # Beside the height the width shows where x and y are in another unit than z.
+    # Width and height together reveal different units of x, y and z.
     return (
         f"{out}: rock of {rock.volume_m3:.4g} m³, {east_m:.3g} by {north_m:.3g} m wide (x, y) and "
         f"{rock.height_m:.3g} m high, on a pedestal that dips "

@@ -10,7 +10,7 @@ from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import option
 
 _SHOW_PARTS = 10
-"""Parts of work of 'scene show', about a second each."""
+"""Number of steps of progress of 'scene show', about a second each."""
 
 
 @click.group(cls=Verbs)

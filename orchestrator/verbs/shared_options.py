@@ -1,4 +1,4 @@
-"""Arguments and options that several verbs share, and pages that they show in a browser."""
+"""Arguments and options common to several commands, and serving of pages to a browser."""
 
 import dataclasses
 import inspect
@@ -32,7 +32,7 @@ EXISTING_FOLDER = click.Path(path_type=Path, file_okay=False, exists=True)
 
 
 class _Azimuth(click.ParamType):
-    """An azimuth, degrees counter-clockwise from east, or a compass bearing."""
+    """Azimuth in degrees counter-clockwise from east, or a compass bearing."""
 
     name = "azimuth"
 
@@ -51,14 +51,14 @@ _Noun = TypeVar("_Noun")
 
 
 def option(*names: str, **given: Any) -> _Decorator:
-    """Option of a verb, whose help shows its default."""
+    """Option of a command whose help shows its default."""
     return click.option(*names, **{"show_default": True, **given})
 
 
 def of(function: Callable[..., Any], *names: str, parameter: str = "", **given: Any) -> _Decorator:
-    """Option that is a parameter of a function, or of a noun, whose default and whose docstring's words it has.
+    """Option for a parameter of a function or dataclass, with the default and description of that parameter.
 
-    names: as of click; the last is the parameter's too unless that is named.
+    names: names for click; the last is also that of the parameter unless `parameter` is given.
     """
     name = parameter or names[-1].strip("-").replace("-", "_")
     found: dict[str, Any] = {"help": _words_of(function, name)}
@@ -73,15 +73,15 @@ def of(function: Callable[..., Any], *names: str, parameter: str = "", **given: 
 
 
 def noun_of(noun: Callable[..., _Noun], asked: dict[str, Any], **more: Any) -> _Noun:
-    """A dataclass of what is asked by the names of its fields, which are taken out, and of more."""
+    """Instance of a dataclass from the options named as its fields, which are removed, and from further values."""
     names = [one.name for one in dataclasses.fields(noun) if one.name in asked]  # type: ignore[arg-type]
     return noun(**{name: asked.pop(name) for name in names}, **more)
 
 
 def _words_of(function: Callable[..., Any], parameter: str) -> str | None:
-    """What a docstring says of a parameter; None where Python keeps no docstrings (-OO)."""
+    """Description of a parameter in a docstring; None without docstrings (Python's -OO)."""
     text = inspect.getdoc(function)
-    if text is None or sys.flags.optimize > 1:  # a dataclass then has its signature for one
+    if text is None or sys.flags.optimize > 1:  # a dataclass then has its signature as docstring
         return None
     listed = text.partition("Parameters\n----------\n")[2].partition("\n\n")[0]
     entries = re.findall(r"^(\w[\w, ]*)(?: : .*)?\n((?: +.*\n?)+)", listed, re.MULTILINE)
@@ -105,17 +105,17 @@ preset_option = option("--preset", type=OneOf(list(PRESETS)), default="standard"
 
 
 def json_option(text: str = "Print JSON.") -> _Decorator:
-    """Option `--json`; its help says what is printed."""
+    """Option `--json` with a help text."""
     return option("--json", "as_json", is_flag=True, help=text)
 
 
 def workers_option(text: str = "Local workers.") -> _Decorator:
-    """Option `--workers`; its help says what they are for."""
+    """Option `--workers` with a help text."""
     return option("--workers", type=click.IntRange(min=1), help=f"{text} Default: one per core.")
 
 
 def samples_option(default: int) -> _Decorator:
-    """Option `--samples`; its default lies in a room that not every verb needs."""
+    """Option `--samples`; the default is a parameter to avoid a slow import."""
     return option("--samples", type=click.IntRange(1), default=default, help="Bootstrap samples of records.")
 
 
@@ -129,7 +129,7 @@ def browsing_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def served(server: "Loopback", name: str, opens: bool | None, ended: str) -> None:
-    """Tell a page's address, open it where that is wanted, and answer until the user or the page ends it."""
+    """Print a page's address, optionally open it, and serve it until the user or the page ends it."""
     click.echo(f"{name}: {server.address}  (Ctrl-C ends)")
     screen = sys.platform == "darwin" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
     with _leading_to(server.address) as page:
@@ -144,7 +144,7 @@ def served(server: "Loopback", name: str, opens: bool | None, ended: str) -> Non
 
 @contextmanager
 def _leading_to(address: str) -> Iterator[str]:
-    """Address of a file that leads a browser on: all accounts can read a browser's command line, only this the file."""
+    """Address of a private file that redirects to a page: a browser's command line is visible to other accounts."""
     with tempfile.TemporaryDirectory(prefix="toppling-") as folder:
         page = Path(folder) / "page.html"
         page.touch(mode=0o600)

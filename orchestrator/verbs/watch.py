@@ -1,7 +1,6 @@
-"""`toppling watch`: a run in a browser, by a server on the loopback interface that reads what `query` reads.
+"""`toppling watch`: a run in a browser, by a server on the loopback interface that only reads the run.
 
-It writes nothing into the run. The address holds a secret, so that no other user of the machine and no other page of
-the browser can ask.
+The address contains a secret, so that no other user of the machine and no other page of the browser has access.
 """
 
 import json
@@ -32,10 +31,10 @@ from toppling.results.drawing.watch_page import PAGE, WAITING
 from toppling.results.reader import Run, open_run
 
 _LATEST = 12
-"""Topplings that are listed."""
+"""Number of topplings listed."""
 
 _KEPT_S = 1.5
-"""An answer serves all who ask within this time."""
+"""Time for which the state is cached, s."""
 
 _JOB = re.compile(r"[0-9a-f]{8,64}")
 _STRICT = "default-src 'none'; connect-src 'self'; frame-src 'self'; style-src 'unsafe-inline'; script-src 'nonce-{}'"
@@ -46,10 +45,7 @@ _OF_A_REPLAY = (
 
 
 def shown(run: Path) -> dict[str, Any]:
-    """What the page shows of a run, in plain values.
-
-    Raises InputError if the folder is no run, or a file of it is damaged.
-    """
+    """State of a run for the page, for JSON; InputError if the folder is not a run, or a file is damaged."""
     state = state_of(run)
     opened = open_run(run)
     frame = opened.frame()
@@ -83,7 +79,7 @@ def _counts(state: dict[str, Any]) -> str:
 
 
 def _headline(run: Run, jobs: pd.DataFrame, among: pd.DataFrame) -> str:
-    """The report's first sentence of one contact; empty while too few topple."""
+    """First sentence of the report for a contact; empty while there are too few topplings."""
     if (jobs["toppled"].fillna(value=False)).sum() < FEW_TOPPLED:
         return ""
     curve = curve_over(jobs, HEADLINE_MEASURE)
@@ -91,7 +87,7 @@ def _headline(run: Run, jobs: pd.DataFrame, among: pd.DataFrame) -> str:
 
 
 def _map(name: str, jobs: pd.DataFrame) -> dict[str, Any]:
-    """Cells of PGA and PGV/PGA of one contact, as places in a grid."""
+    """Map of PGA and PGV/PGA of a contact, with cells by grid position."""
     table = cells(jobs, planes_of(jobs)["pga_pgv_pga"])
     pulses = sorted(set(zip(table["pgv_pga_s_low"], table["pgv_pga_s_high"], strict=True)))
     levels = sorted(table["level_pga_m_s2"].unique())
@@ -111,7 +107,7 @@ def _map(name: str, jobs: pd.DataFrame) -> dict[str, Any]:
 
 
 def _latest(frame: pd.DataFrame) -> list[dict[str, Any]]:
-    """The topplings that were stored last, newest first."""
+    """Most recently stored topplings, newest first."""
     toppled = frame[frame["toppled"].fillna(value=False).astype(bool)]
     newest = toppled.sort_values(["finished_at", "job_id"], ascending=False, na_position="last").head(_LATEST)
     names = ["job_id", "record_id", "level_pga_m_s2", "azimuth_deg", "falls_toward_deg", "topple_time_s"]
@@ -120,10 +116,7 @@ def _latest(frame: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 class _Replays:
-    """Topplings that are replayed, one at a time, by 'toppling replay' in a process of its own, elsewhere than the run.
-
-    folder: where they are written to.
-    """
+    """Replays of topplings, one at a time, by 'toppling replay' in a subprocess; written to `folder`."""
 
     def __init__(self, run: Path, folder: Path) -> None:
         self._run, self._folder = run, folder
@@ -133,10 +126,7 @@ class _Replays:
         self._failed: dict[str, str] = {}
 
     def page(self, job: str) -> str | None:
-        """The replay's page once it is there; until then it is being made, and None is returned.
-
-        Raises InputError if the job cannot be replayed.
-        """
+        """Page of a replay, or None while it is being made; InputError if the job cannot be replayed."""
         drawn = self._folder / job / "replay.html"
         with self._lock:
             if drawn.exists():
@@ -164,17 +154,14 @@ class _Replays:
         return None
 
     def end(self) -> None:
-        """Stop what is being made."""
+        """Stop the current replay."""
         if self._process and self._process.poll() is None:
             self._process.kill()
             self._process.communicate()
 
 
 class _Watching(Loopback):
-    """The server of one run.
-
-    port: 0 for any that is free.
-    """
+    """Server for one run; port 0 for any free port."""
 
     def __init__(self, run: Path, replays: _Replays, port: int = 0) -> None:
         self.run, self.replays = run, replays
@@ -184,7 +171,7 @@ class _Watching(Loopback):
         super().__init__(_Answers, port)
 
     def state(self) -> bytes:
-        """State of the run as JSON; a run that cannot be read gives an error in its place."""
+        """State of the run, or an error, as JSON."""
         with self._lock:
             if time.monotonic() - self._answered > _KEPT_S:
                 try:
@@ -197,7 +184,7 @@ class _Watching(Loopback):
 
 
 class _Answers(Answers):
-    """Answers to GET; nothing else is understood."""
+    """Handler of GET requests."""
 
     server: _Watching
 
@@ -226,10 +213,7 @@ class _Answers(Answers):
 
 
 def watching(run: Path, folder: Path, port: int = 0) -> _Watching:
-    """Make the server of a run, whose replays go to a folder outside of it.
-
-    Raises InputError if the folder is no run.
-    """
+    """Create the server for a run, with a folder for replays; InputError if it is not a run."""
     state_of(run)
     return _Watching(run, _Replays(run.resolve(), folder), port)
 
@@ -247,7 +231,7 @@ def watch(run: Path, port: int, opens: bool | None) -> None:
     \b
     toppling watch runs/first
     """
-    # Replays go with the server.
+    # Replays are deleted with the server.
     with TemporaryDirectory(prefix="toppling-watch-") as folder, watching(run, Path(folder), port) as server:
         try:
             served(server, str(run), opens, "ended; a run in progress continues")

@@ -17,7 +17,7 @@ _GATEWAY = "gateway://"
 
 
 class _Span(int):
-    """A number, or with `low` below it the least of as many as there is work for."""
+    """Maximum number of workers, with `low` as the initial number."""
 
     low: int
 
@@ -70,18 +70,18 @@ def cluster_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def of_batch_job(where: dict[str, Any]) -> dict[str, str | None]:
-    """What the options ask of a batch job, as dask-jobqueue names it."""
+    """Options of a batch job under dask-jobqueue's names."""
     return {name: where[f"of_job_{name}"] for name in ("queue", "account", "walltime", "memory")}
 
 
 def _ways(where: dict[str, Any]) -> list[str]:
-    """Options by which a cluster is chosen."""
+    """Given options that select a cluster."""
     names = {"workers": "--workers", "queue_kind": "--queue", "scheduler": "--scheduler"}
     return [option for name, option in names.items() if where[name]]
 
 
 def local_workers(where: dict[str, Any]) -> int:
-    """Local workers to begin with; 0 where jobs run elsewhere."""
+    """Initial number of local workers; 0 where jobs run elsewhere."""
     ways = _ways(where)
     if ways == ["--workers"]:
         return where["workers"].low
@@ -89,10 +89,7 @@ def local_workers(where: dict[str, Any]) -> int:
 
 
 def cluster_of(folder: Path, **where: Any) -> AbstractContextManager:
-    """Cluster that the options, values by name, select; nothing starts before it is entered.
-
-    Raises UsageError if options exclude each other.
-    """
+    """Cluster selected by options, started when it is entered; UsageError if options exclude each other."""
     from toppling.orchestrator.cluster import existing, gateway, local, queue
 
     workers, queue_kind, scheduler = where["workers"], where["queue_kind"], where["scheduler"]

@@ -1,4 +1,4 @@
-"""What is shaken and what shakes it: scenes and motions. Knows no engine and no cluster."""
+"""Scenes and motions, independent of engines and clusters."""
 
 __all__ = [
     "arrays", "bearings", "compiled", "contact", "errors", "frames", "kept",

@@ -1,4 +1,4 @@
-"""The arrays that nearly every function takes and returns."""
+"""Array types and common array operations."""
 
 from typing import TypeVar
 
@@ -14,12 +14,12 @@ _MOST_COUNTED = 1_000_000
 
 
 def bounds_of(rows: Array) -> Array:
-    """Lowest and highest of each column (2, k), one after the other: rows of three are slow to reduce."""
+    """Minimum and maximum of each column (2, k), column by column, which is faster than reducing rows of three."""
     return np.array([[column.min() for column in rows.T], [column.max() for column in rows.T]])
 
 
 def inside_box(rows: Array, low: Array, high: Array) -> Flags:
-    """Which rows (n, k) lie between two (k,), axis by axis for the same reason."""
+    """Mask of the rows (n, k) between two corners (k,), evaluated axis by axis for speed."""
     inside = np.ones(len(rows), bool)
     for column, least, most in zip(rows.T, low, high, strict=True):
         inside &= column > least
@@ -30,9 +30,9 @@ def inside_box(rows: Array, low: Array, high: Array) -> Flags:
 def inside_cylinder(
     points: Array, axis: Array, radius: float, lowest: float, at_once: int = 100_000
 ) -> Indices:
-    """Numbers of the points (n, 3) nearer to a vertical axis (2,) than a radius, and above a level.
+    """Indices of the points (n, 3) nearer to a vertical axis (2,) than a radius, and above a level.
 
-    Block by block: what is worked out on the way stays in the cache.
+    Evaluated in blocks, whose intermediate results stay in the cache.
     """
     found = [np.zeros(0, np.int64)]
     for first in range(0, len(points), at_once):
@@ -43,7 +43,7 @@ def inside_cylinder(
 
 
 def distinct(values: NDArray[_Kind]) -> NDArray[_Kind]:
-    """The values (n,) that occur, in order: sorting is many times as quick as `numpy.unique`, which hashes."""
+    """Sorted distinct values (n,), by sorting, which is much faster than the hashing of `numpy.unique`."""
     in_order = np.sort(values)
     first = np.ones(len(in_order), bool)
     first[1:] = in_order[1:] != in_order[:-1]
@@ -51,9 +51,9 @@ def distinct(values: NDArray[_Kind]) -> NDArray[_Kind]:
 
 
 def numbered(keys: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The place (n,) of each of some whole numbers from 0 on among those that occur, in order, and how often each does.
+    """Index (n,) of each non-negative integer among the sorted distinct ones, and the count of each of these.
 
-    By counting where that takes no more room than the numbers do: sorting takes ten times as long.
+    By counting where that takes no more memory than the keys: sorting takes ten times as long.
     """
     most = int(keys.max(initial=-1)) + 1
     if most > _MOST_COUNTED + 4 * len(keys):
@@ -65,5 +65,5 @@ def numbered(keys: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int
 
 
 def at_most(rows: NDArray[_Kind], most: int) -> NDArray[_Kind]:
-    """Every k-th row, so that no more than so many are left."""
+    """Every k-th row, such that at most `most` rows are left."""
     return rows[:: -(-len(rows) // most) or 1]

@@ -1,4 +1,4 @@
-"""Directions and places as people say them: bearings, quadrants and winds; longitudes and latitudes."""
+"""Parsing of directions and coordinates: bearings, quadrants, compass points; longitudes and latitudes."""
 
 import math
 import re
@@ -10,9 +10,9 @@ _QUADRANT = re.compile(r"([NS])\s*(\d+(?:\.\d*)?)\s*°?\s*([EW])", re.IGNORECASE
 
 
 def azimuth_of(text: str) -> float:
-    """Azimuth, degrees counter-clockwise from east, of a direction as a person writes it.
+    """Parse a direction to an azimuth, degrees counter-clockwise from east.
 
-    text: An azimuth (`50`), a compass bearing (`compass:40`), a quadrant bearing (`N40E`) or a wind (`NNE`).
+    text: an azimuth (`50`), a compass bearing (`compass:40`), a quadrant bearing (`N40E`) or a compass point (`NNE`).
     Raises InputError if it is none of these.
 
     Examples
@@ -61,9 +61,9 @@ _LONGEST = 40
 
 
 def degrees_of(text: str, axis: str) -> float | None:
-    """Degrees east or north that a text states; None if it states none, or those of the other axis.
+    """Parse degrees east or north; None if the text is invalid, or of the other axis.
 
-    text: A number (`-118.92`, `-118,92`), one with a compass letter (`118.92W`, `N 34.08`), or with minutes and seconds
+    text: a number (`-118.92`, `-118,92`), one with a compass letter (`118.92W`, `N 34.08`), or with minutes and seconds
     (`118°55'12"W`, `118 55 12 W`).
     axis: `longitude` or `latitude`.
 

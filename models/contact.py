@@ -15,12 +15,12 @@ FRICTION_SPREAD = 0.05
 
 @dataclass(frozen=True)
 class ContactProperties:
-    """What happens where rock and pedestal touch."""
+    """Friction and restitution of the contact."""
 
     # Coulomb's coefficients, not negative, the kinetic one not above the static one.
     friction_static: float = 0.8
     friction_kinetic: float = 0.8
-    restitution: float = 0.0  # 0 to 1: what brings the rock to rest in an impact acts so often again
+    restitution: float = 0.0  # Poisson's coefficient, 0 to 1: impulse of restitution over that of compression
 
     def __post_init__(self) -> None:
         for name, low, high in (

@@ -1,11 +1,11 @@
-"""The one error that a user's data can cause, in one shape: code, what, where, what was expected, what to do."""
+"""Errors caused by a user's data, with code, problem, location, expectation and remedy."""
 
 import math
 from collections.abc import Callable
 from functools import partial
 
 _LONGEST = 1500
-"""Characters of what is wrong, and of where."""
+"""Maximum number of characters of the problem, and of the location."""
 
 
 class InputError(ValueError):
@@ -37,11 +37,11 @@ class InputError(ValueError):
 
     @property
     def brief(self) -> str:
-        """What is wrong, with its code."""
+        """The problem with its code."""
         return f"{self.what} [{self.code}]"
 
     def __reduce__(self) -> tuple:
-        # Those of files need their names alone.
+        # Subclasses cannot be reconstructed from these arguments.
         kind = UsageError if isinstance(self, UsageError) else InputError
         return partial(kind, where=self.where, expected=self.expected, remedy=self.remedy), (
             self.code,
@@ -50,18 +50,18 @@ class InputError(ValueError):
 
 
 class UsageError(InputError):
-    """What was asked does not go together or is no value of its kind; exit code 2 on the command line."""
+    """Inconsistent or invalid options; exit code 2 on the command line."""
 
 
 def refusals(expected: str, remedy: str) -> Callable[[str, str, object], InputError]:
-    """Errors of one kind of data, which differ in code, what is wrong and where (in this order)."""
+    """Factory of errors with a common expectation and remedy, called with code, problem and location."""
     return lambda code, what, where: InputError(
         code, what, where=str(where), expected=expected, remedy=remedy
     )
 
 
 def check_positive(where: str, expected: str, remedy: str, **values: float) -> None:
-    """Refuse a value, named as its argument is, that is not a finite number above 0."""
+    """Raise InputError for a keyword argument that is not a finite number above 0."""
     for name, value in values.items():
         if not 0.0 < value < math.inf:
             raise InputError(
@@ -70,6 +70,6 @@ def check_positive(where: str, expected: str, remedy: str, **values: float) -> N
 
 
 def _shortened(text: str) -> str:
-    """Text with its middle left out where a file's own words in it have no end."""
+    """Text without its middle part if it is too long, such as by quoting a file."""
     half = _LONGEST // 2
     return text if len(text) <= _LONGEST else f"{text[:half]} ... {text[-half:]}"

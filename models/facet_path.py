@@ -1,15 +1,15 @@
-"""The quasi-static path of a rock over the facets of its hull.
+"""Quasi-static path of a rock over the facets of its hull.
 
-A horizontal ground acceleration grows so slowly that inertia other than its own plays no part. Then the rock stands
-at every moment in an equilibrium under the effective gravity g - a, on a set of its hull's vertices whose convex hull
-holds the point where the line of action through the centre of mass pierces the plane. An equilibrium on a vertex or an
-edge alone is that of an inverted pendulum and is never stable, so the path goes from facet to facet of the convex hull:
-a facet holds until the piercing point crosses its border, where the rock tips about the edge (or vertex) that is
-nearest to the piercing point, rolling without slip or spin and without gathering speed, until a facet holds again.
-Where none does, the stable equilibrium is lost: the rock topples. A smooth base is the limit of fine facets, whose path
-ends at the limit point of the equilibria of the potential -g_eff . x_com. For a sharp-edged flat base it is the formula
-of Anooshehpoor, Brune and Zeng (2004), g tan(alpha), extended to three dimensions (moments about each edge) and to
-slopes (gravity in the plane's frame).
+A horizontal ground acceleration a grows so slowly that the rock's inertia relative to the ground is negligible. Then
+the rock is always in an equilibrium under the effective gravity g - a, on a set of its hull's vertices whose convex
+hull contains the point where the line of action through the centre of mass pierces the plane. An equilibrium on a
+vertex or an edge is that of an inverted pendulum and never stable, so the path goes from facet to facet of the convex
+hull: a facet is stable until the piercing point crosses its border, where the rock rotates about the edge (or vertex)
+nearest to the piercing point, rolling without slip or spin and without gathering speed, until a facet is stable again.
+If there is none, the rock topples. A smooth base is the limit of fine facets, whose path ends at the limit point of the
+equilibria of the potential -g_eff . x_com. For a sharp-edged flat base it is the formula of Anooshehpoor, Brune and
+Zeng (2004), g tan(alpha), extended to three dimensions (moments about each edge) and to slopes (gravity in the plane's
+frame).
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ from toppling.models.support import (
     planar_hull,
 )
 
-_VERTEX_STEP_RAD = 2e-3  # a rock that pivots on one vertex keeps its direction of fall for this long
-_PAST_THE_EDGE = 1e-9  # share by which the acceleration is raised past lift-off, to give the fall a direction
-_ROUNDING = 1e-12  # share by which a moment may miss zero and still hold
+_VERTEX_STEP_RAD = 2e-3  # rotation about a single vertex between updates of the direction of fall
+_PAST_THE_EDGE = 1e-9  # relative excess of the acceleration over lift-off, which sets the direction of fall
+_ROUNDING = 1e-12  # relative tolerance of a moment for equilibrium
 
 
 @dataclass(frozen=True)
 class _Pose:
-    """Hull vertices, centre of mass and the normal carried along, in the frame of the plane (z its normal, 0 in it)."""
+    """Hull vertices, centre of mass and the body's initial normal, in the plane's frame (z normal to it, 0 in it)."""
 
     points: Array
     com: Array
@@ -47,7 +47,7 @@ class _Pose:
 
     def rolled(self, pivot: Array, outward: Array, angle: float) -> _Pose:
         """Turn about the line in the plane through a pivot, toward the outward in-plane unit vector."""
-        x, y = -float(outward[1]), float(outward[0])  # the axis
+        x, y = -float(outward[1]), float(outward[0])  # axis of rotation
         sine, versed = math.sin(angle), 1.0 - math.cos(angle)
         turn = np.array(
             [
@@ -64,16 +64,16 @@ class _Pose:
 
 @dataclass(frozen=True)
 class Seat:
-    """A rock as it stands in the scene, ready to be tipped."""
+    """A rock in its scene's pose, with its support."""
 
     pose: _Pose
-    ring: Array | None  # in-plane support polygon (k, 2), counter-clockwise, where there is one
+    ring: Array | None  # in-plane support polygon (k, 2), counter-clockwise, if it has an area
     frame: Array  # rows: axes of the plane and its normal, scene frame
     tolerance: float
 
     @classmethod
     def of(cls, rock: Rock, pedestal: Pedestal) -> Seat:
-        """The rock in its pose, on what touches the plane."""
+        """Seat of a rock on its points of contact with the plane."""
         frame = np.vstack([*plane_axes(pedestal.normal), pedestal.normal])
         points = (contact_feet_m(rock, pedestal) - pedestal.point_m) @ frame.T
         tolerance = CONTACT_SHARE_OF_HEIGHT * rock.height_m
@@ -89,7 +89,7 @@ class Seat:
         return (left[0], left[-1]) if left else (0.0, 0.0)
 
     def rests(self, gravity_m_s2: float, azimuth_deg: float) -> Iterator[tuple[_Pose, float]]:
-        """Poses on the path, each with the acceleration at which it is left."""
+        """Stable poses on the path, each with the acceleration at which it becomes unstable."""
         gravity = self.frame @ np.array([0.0, 0.0, -gravity_m_s2])
         push = -self.frame @ horizontal_unit_vector(azimuth_deg)
         rest, acceleration = self._seated(gravity), 0.0
@@ -105,7 +105,7 @@ class Seat:
             rest = self._fallen(pose, ring, gravity + (acceleration + past) * push)
 
     def fallen(self, gravity: Array) -> _Pose | None:
-        """The pose in which gravity alone leaves the rock; None if it topples."""
+        """Stable pose under gravity alone; None if the rock topples."""
         seated = self._seated(gravity)
         return None if seated is None else seated[0]
 
@@ -115,7 +115,7 @@ class Seat:
         return self._fallen(self.pose, self.ring, gravity)
 
     def _fallen(self, pose: _Pose, ring: Array | None, weight: Array) -> tuple[_Pose, Array] | None:
-        """Find next rest under a constant effective gravity, and its support; None if it topples first."""
+        """Next stable pose under a constant effective gravity, and its support; None if the rock topples first."""
         support = _touching(pose, self.tolerance) if ring is None else ring
         least_height = (1.0 - TOPPLED_FALL) * self.pose.com[2]
         least_up = np.cos(np.deg2rad(TOPPLED_TILT_DEG))
@@ -128,7 +128,7 @@ class Seat:
             pivot, outward, on_vertex = _nearest(support, projected_com)
             reach = (pose.points[:, :2] - pivot) @ outward
             free = np.hypot(reach, pose.points[:, 2]) > self.tolerance
-            # A touching point behind the pivot stands at an angle of pi and rises: it cannot land next.
+            # A touching point behind the pivot is at an angle of pi and rises: it cannot be the next contact.
             angle = np.arctan2(np.maximum(pose.points[:, 2], 0.0), reach)
             landing = float(angle[free].min(initial=np.pi))
             step = min(landing, max(landing / 4, _VERTEX_STEP_RAD)) if on_vertex else landing
@@ -138,7 +138,7 @@ class Seat:
 
 
 def _touching(pose: _Pose, tolerance: float) -> Array:
-    """Support (k, 2): a counter-clockwise polygon, or the one or two ends of what touches."""
+    """Support (k, 2): a counter-clockwise polygon, or the one or two ends of the contact."""
     points = pose.points[pose.points[:, 2] <= pose.points[:, 2].min() + tolerance, :2]
     if len(points) < 3:
         return points
@@ -150,9 +150,9 @@ def _touching(pose: _Pose, tolerance: float) -> Array:
 
 
 def _edge_moments(ring: Array, com: Array, force: Array) -> Array:
-    """Moments (k,) with which a force on the centre of mass holds the rock down on each edge of a ring.
+    """Stabilising moments (k,) of a force on the centre of mass about each edge of a polygon.
 
-    As of `support.moment_arms`, in the plane: a path asks thousands of times, and general products took half of it.
+    Two-dimensional form of `support.moment_arms`, because general products took half the time of a path.
     """
     edge, away = _edges(ring), com[:2] - ring
     twice_area = away[:, 0] * edge[:, 1] - away[:, 1] * edge[:, 0]
@@ -170,7 +170,7 @@ def _holds(ring: Array, com: Array, weight: Array) -> bool:
 
 
 def _leaves(ring: Array, com: Array, gravity: Array, push: Array, least: float) -> float:
-    """Least acceleration, not below one that holds, at which an edge lets go."""
+    """Smallest acceleration, at least `least`, at which the moment about an edge vanishes."""
     hold, change = _edge_moments(ring, com, gravity), _edge_moments(ring, com, push)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         root = np.where(change < 0, -hold / change, np.inf)
@@ -184,7 +184,7 @@ def _nearest(support: Array, projected_com: Array) -> tuple[Array, Array, bool]:
         share = ((projected_com - support) * edge).sum(axis=1) / (edge * edge).sum(axis=1)
         point = support + np.clip(share, 0.0, 1.0)[:, None] * edge
         away = projected_com - point
-        if len(support) > 2:  # edges behind which the point lies are not near, even if rounding says so
+        if len(support) > 2:  # exclude edges with the point on the inner side
             left = edge[:, 0] * (projected_com - support)[:, 1] - edge[:, 1] * (projected_com - support)[:, 0]
             distance = np.where(left < 0, (away * away).sum(axis=1), np.inf)
         else:

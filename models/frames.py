@@ -1,7 +1,7 @@
 """Frames and angles: the scene's ENU frame, azimuths counter-clockwise from x, planes that slope.
 
 Azimuths are degrees counter-clockwise from x (east) seen from above, as in Veeraraghavan, Hudnut and Krishnan's
-study; :func:`compass_deg` gives the bearing (clockwise from north) that a person reads beside them.
+study; :func:`compass_deg` converts them to bearings (clockwise from north).
 """
 
 import numpy as np
@@ -10,15 +10,15 @@ from numpy.typing import ArrayLike
 from toppling.models.arrays import Array
 
 STANDARD_GRAVITY_M_S2 = 9.81
-"""Gravity of a scene that states none."""
+"""Default gravity of a scene, m/s²."""
 _TURNED_AT_ONCE = 50_000
-"""Points whose products stay in the cache and in one thread."""
+"""Number of points per block, whose products stay in the cache and in one thread."""
 
 
 def horizontal_unit_vector(azimuth_deg: ArrayLike) -> Array:
     """Unit vector(s) toward an azimuth.
 
-    azimuth_deg: degrees counter-clockwise from x, one or (n,).
+    azimuth_deg: degrees counter-clockwise from x, scalar or (n,).
     Returns (3,) or (n, 3) array, scene frame.
     """
     azimuth = np.deg2rad(np.asarray(azimuth_deg, dtype=float))
@@ -28,7 +28,7 @@ def horizontal_unit_vector(azimuth_deg: ArrayLike) -> Array:
 def azimuth_deg(vector: ArrayLike) -> float:
     """Azimuth of a vector's horizontal part, in [0, 360) degrees counter-clockwise from x."""
     x, y = np.asarray(vector, dtype=float)[:2]
-    return float(np.rad2deg(np.arctan2(y, x)) % 360.0) % 360.0  # what is hardly negative rounds to 360
+    return float(np.rad2deg(np.arctan2(y, x)) % 360.0) % 360.0  # tiny negative angles round to 360
 
 
 def compass_deg(azimuth: ArrayLike) -> Array:
@@ -54,7 +54,7 @@ def slope_of_normal(normal: ArrayLike) -> tuple[float, float]:
 
 
 def rotation_between(start: ArrayLike, end: ArrayLike) -> Array:
-    """Smallest rotation that carries one unit vector into another.
+    """Smallest rotation that maps one unit vector to another.
 
     start, end: (3,), unit vectors, not opposite to each other.
     Returns (3, 3) array: rotation matrix R with R @ start = end (Rodrigues' formula).
@@ -69,13 +69,13 @@ def rotation_between(start: ArrayLike, end: ArrayLike) -> Array:
 
 
 def plane_axes(normal: ArrayLike) -> tuple[Array, Array]:
-    """Two orthonormal axes in a plane, the first as near to x as it can be, right-handed with the normal."""
+    """Two orthonormal axes in a plane, the first nearest to x, right-handed with the normal."""
     rotation = rotation_between((0.0, 0.0, 1.0), normal)
     return rotation[:, 0], rotation[:, 1]
 
 
 def shifted_and_turned(points_m: Array, shift_m: Array, matrix: Array) -> Array:
-    """`(points_m - shift_m) @ matrix` of many points, ten times as fast as in one product: block by block."""
+    """`(points_m - shift_m) @ matrix` for many points, in blocks, which is ten times as fast as a single product."""
     if points_m.ndim == 1:
         return (points_m - shift_m) @ matrix
     turned = np.empty((len(points_m), matrix.shape[1]))

@@ -1,4 +1,4 @@
-"""Meshes that a person gives: a rock in metres whatever their unit, seated on a plane or on a surface."""
+"""Scenes from user-supplied meshes: conversion to metres, and seating on a plane or a surface."""
 
 import contextlib
 import os
@@ -17,11 +17,11 @@ from toppling.models.rock import Rock, check_size, check_triangles, origin_besid
 
 
 def rock_of(mesh: MeshLike, units: str | None) -> tuple[Rock, Array]:
-    """Rock of a mesh, moved to an origin (3,) beside it where it lies far from its own.
+    """Rock from a mesh, moved to a nearby origin (3,) if it is far from its own.
 
-    units: of the coordinates; None for what an object of trimesh states, else metres, with a warning if these make it
-    larger than any precarious rock.
-    Raises InputError if the mesh is none of one closed body, or not of a rock's height.
+    units: unit of the coordinates; None for that of a trimesh object, or else metres, with a warning if the rock would
+    be larger than any precarious rock.
+    Raises InputError if the mesh is not a single closed body, or not of a rock's height.
     """
     vertices, faces, where, stated = _in_metres(mesh, units, "rock mesh")
     rock = Rock.from_triangles(vertices, faces, where=where)
@@ -34,7 +34,7 @@ def rock_of(mesh: MeshLike, units: str | None) -> tuple[Rock, Array]:
 
 
 def seated(rock: Rock, plane: Pedestal) -> Rock:
-    """Rock whose own level lies in a plane that it touches with its lowest point."""
+    """Rock rotated from the level to a plane's slope, and shifted until its lowest point touches."""
     turned = rock.moved(rotation_between((0.0, 0.0, 1.0), plane.normal))
     lowest = float((turned.vertices_m @ plane.normal).min())
     return turned.moved(np.eye(3), -lowest * plane.normal)
@@ -43,7 +43,7 @@ def seated(rock: Rock, plane: Pedestal) -> Rock:
 def on_surface(
     rock: Rock, pedestal: MeshLike, units: str | None, origin_m: Array, gravity_m_s2: float, friction: float
 ) -> tuple[Rock, Pedestal]:
-    """A rock, moved to a local origin, and the surface that is given in the frame that it had."""
+    """Seat a rock, already moved to a local origin, on a surface given in the original frame."""
     from toppling.models.ground.interface import surface_below
 
     vertices, faces, where, _ = _in_metres(pedestal, units, "pedestal mesh")
@@ -53,18 +53,18 @@ def on_surface(
 
 
 def _in_metres(mesh: MeshLike, units: str | None, what: str) -> tuple[ArrayLike, ArrayLike, str, str | None]:
-    """Vertices in metres and triangles of a mesh, its name in errors, and its unit where anybody states it."""
+    """Vertices in metres, triangles, name for error messages, and stated unit of a mesh."""
     vertices, faces, where = triangles_of(mesh, what)
     stated = units or _stated_unit(mesh)
     if stated:
         factor = metres_in(stated)
-        with contextlib.suppress(TypeError, ValueError):  # what is no array is refused with the rest
+        with contextlib.suppress(TypeError, ValueError):  # invalid arrays are refused later
             vertices = factor * np.asarray(vertices, float)
     return vertices, faces, where, stated
 
 
 def _stated_unit(mesh: MeshLike) -> str | None:
-    """Unit of an object that knows one, as trimesh's do of some formats; a file is to be in metres."""
+    """Unit of an object, such as trimesh's for some formats; None for files, which are taken in metres."""
     if isinstance(mesh, str | os.PathLike):
         check_remarks(remarks_of(Path(mesh)), str(mesh))
         return None

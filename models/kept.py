@@ -1,4 +1,4 @@
-"""What follows from an object alone, worked out once: the object owns it, and takes it along when it goes."""
+"""Caching of functions of an immutable object: the results are stored on the object, and freed with it."""
 
 from collections import OrderedDict
 from collections.abc import Callable
@@ -10,11 +10,11 @@ _Given = ParamSpec("_Given")
 _Found = TypeVar("_Found")
 
 MOST = 8
-"""Answers that an object keeps of one function, by the other arguments; the one unused for longest goes."""
+"""Maximum number of cached results per object and function; the least recently used is dropped."""
 
 
 class _Answers(OrderedDict[Any, Any]):
-    """Answers of a function about one object; they stay behind when the object is sent to another process."""
+    """Cached results of a function for an object, which are not pickled with it."""
 
     def __reduce__(self) -> tuple[type["_Answers"], tuple[()]]:
         return _Answers, ()
@@ -23,9 +23,9 @@ class _Answers(OrderedDict[Any, Any]):
 def kept(
     function: Callable[Concatenate[_Owner, _Given], _Found],
 ) -> Callable[Concatenate[_Owner, _Given], _Found]:
-    """Keep the answers of a function with its first argument: a frozen object, told from others by its identity.
+    """Cache the results of a function on its first argument, a frozen object.
 
-    The other arguments, which need a hash, come by position.
+    The other arguments must be hashable and positional.
     """
     name = f"{function.__module__}.{function.__qualname__}"
 

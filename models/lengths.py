@@ -1,4 +1,4 @@
-"""Units of length: their names as files and people write them, and which of them would explain a rock's size."""
+"""Units of length: their names in files and options, and plausibility of a rock's size."""
 
 import re
 from collections.abc import Iterable
@@ -14,9 +14,9 @@ _UNITS = {
     "us-ft": (US_FOOT_M, "US survey feet"),
     "in": (0.0254, "inches"),
 }
-"""Of each unit: metres of one, and its name."""
+"""Metres per unit, and name, of each unit."""
 METRES = {unit: metres for unit, (metres, _) in _UNITS.items()}
-"""Metres of one of each unit; its names are those of `--units`."""
+"""Metres per unit, by the values of `--units`."""
 NAMES = {unit: name for unit, (_, name) in _UNITS.items()}
 _OTHER = (
     r"(?:milli|centi|deci|kilo) ?met(?:re|er)s?|[mcdk]m|(?:us[ -]?|survey )?(?:feet|foot|ft)(?:[ -]?us)?|inch(?:es)?|"
@@ -27,22 +27,22 @@ _STATED = re.compile(
     rf".*\b(?:units? (?:[^,;.]{{0,30}} )?|in )(?:{_OTHER})\b|.*\bsurvey (?:feet|foot)\b",
     re.IGNORECASE,
 )
-"""A remark in a file that says what its coordinates are in, other than metres."""
+"""Pattern of a remark in a file that states a unit of its coordinates other than metres."""
 _SYSTEM = re.compile(
     r"\bEPSG\s*:+\s*\d{4,6}|\b(?:PROJ|GEOG|COMP|GEOC|LOCAL_|BOUND|ENG)[A-Z_]*C[RS]S?\s*[\[(]"
 )
 _LONGEST = 200
-"""Characters of a remark that are looked at."""
+"""Number of characters of a remark that are searched."""
 _ROCK_M = (0.1, 30.0)
-"""Heights of the precarious rocks that are known; others are told which unit would make them one."""
+"""Range of heights of known precarious rocks, m; outside it a more plausible unit is suggested."""
 _LARGEST_M3 = 5000.0
-"""Twice the volume of the largest balanced rocks."""
+"""Maximum plausible volume of a rock, m³: twice that of the largest balanced rocks."""
 _CUBES_OF_HEIGHT = (0.01, 3.0)
-"""Volumes of rocks on a cube of their height: thinner ones are no rocks, flatter ones not precarious."""
+"""Range of plausible volumes of a rock, in cubes of its height: others are too thin, or too flat to be precarious."""
 
 
 def other_unit_in(remarks: Iterable[str]) -> str:
-    """The first remark that states another unit than metres; empty where none does.
+    """First remark that states a unit other than metres; empty if there is none.
 
     Examples
     --------
@@ -53,10 +53,7 @@ def other_unit_in(remarks: Iterable[str]) -> str:
 
 
 def check_remarks(remarks: Iterable[str], where: str) -> None:
-    """Refuse a file whose remarks state another unit than metres, or a coordinate system: remarks are not converted.
-
-    Raises InputError with the option that says the unit.
-    """
+    """Raise InputError, with the option to use, if remarks state a unit other than metres or a coordinate system."""
     told = list(remarks)
     unit = other_unit_in(told)
     system = next((remark.strip()[:80] for remark in told if _SYSTEM.search(remark[:_LONGEST])), "")
@@ -71,7 +68,7 @@ def check_remarks(remarks: Iterable[str], where: str) -> None:
 
 
 def explaining_units(height_m: float) -> str:
-    """Units in which a height would be a rock's, with what it would be; empty if there are none.
+    """List units in which a height would be plausible, with the height in metres; empty if there are none.
 
     Examples
     --------
@@ -84,9 +81,9 @@ def explaining_units(height_m: float) -> str:
 
 
 def metres_in(unit: str) -> float:
-    """Metres of one of a unit, by its key in `METRES` or its name, as trimesh has it.
+    """Metres per unit, by its key in `METRES` or its name as in trimesh.
 
-    Raises InputError if it names none.
+    Raises InputError for an unknown unit.
 
     Examples
     --------
@@ -105,9 +102,9 @@ def metres_in(unit: str) -> float:
 
 
 def too_large(height_m: float, volume_m3: float, option: str = "--units") -> str:
-    """What to say of a rock larger than any precarious one that is known; empty for others.
+    """Warning of a rock larger than any known precarious one; empty for others.
 
-    option: by which the user says the unit.
+    option: option that states the unit.
     """
     told = []
     if height_m > _ROCK_M[1]:
@@ -122,7 +119,7 @@ def too_large(height_m: float, volume_m3: float, option: str = "--units") -> str
 
 
 def size_note(height_m: float, volume_m3: float = 0.0) -> str:
-    """What to say of a height or a volume that no known precarious rock has; empty for others.
+    """Warning of an implausible height or volume of a rock; empty for others.
 
     Examples
     --------
@@ -140,7 +137,7 @@ def size_note(height_m: float, volume_m3: float = 0.0) -> str:
 
 
 def in_degrees(what: str, where: str) -> InputError:
-    """Say that horizontal coordinates are angles."""
+    """Error for horizontal coordinates in degrees."""
     return InputError(
         "coordinates.in_degrees",
         f"coordinates are in degrees ({what})",

@@ -1,4 +1,4 @@
-"""Matplotlib without the settings of the working folder, like :mod:`toppling.models.numba_alone`."""
+"""Import of Matplotlib without settings from the working folder, like :mod:`toppling.models.numba_alone`."""
 
 import os
 import sys
@@ -7,7 +7,7 @@ FILE = "matplotlibrc"
 
 
 def _import() -> None:
-    """Import Matplotlib as if there were no such file here: it looks for it first, whatever its variable says."""
+    """Import Matplotlib without the working folder's file, which precedes even its environment variable."""
     exists = os.path.exists
     os.path.exists = lambda path: path != FILE and exists(path)
     try:

@@ -1,6 +1,6 @@
-"""Numba with the settings of the environment alone: a file `.numba_config.yaml` in the working folder is not obeyed.
+"""Import of Numba without the settings of a file `.numba_config.yaml` in the working folder.
 
-Numba reads that file whenever it is imported and whenever it compiles; it knows no setting that keeps it from that.
+Numba reads that file whenever it is imported and whenever it compiles, and has no setting that prevents this.
 """
 
 import os
@@ -10,7 +10,7 @@ FILE = ".numba_config.yaml"
 
 
 def _import() -> None:
-    """Import Numba as if there were no such file here."""
+    """Import Numba without the working folder's file."""
     exists = os.path.exists
     os.path.exists = lambda path: path != FILE and exists(path)
     try:

@@ -1,4 +1,4 @@
-"""The first line of OpenQuake's CSV files: pairs of key and value, quoted as one cell since engine 3, bare before."""
+"""First line of OpenQuake's CSV files: key-value pairs, since engine 3 in one quoted cell."""
 
 import re
 
@@ -6,14 +6,14 @@ _PAIR = re.compile(r"\b(\w++)=('[^']*'|\"[^\"]*\"|\[[^\]]*\]|\([^)]*\)|[^,]*)")
 
 
 def header_values(line: str) -> dict[str, str]:
-    r"""Pairs of the first line, their values bare of quotes; lists keep their brackets.
+    r"""Key-value pairs of the first line, without quotes; lists keep their brackets.
 
     Examples
     --------
     >>> header_values('#,,"kind=\'mean\', investigation_time=50.0, weights=[0.4, 0.6]"')
     {'kind': 'mean', 'investigation_time': '50.0', 'weights': '[0.4, 0.6]'}
     """
-    # The cell is quoted as CSV does it, so that quotes inside it are doubled.
+    # Quotes inside a quoted CSV cell are doubled.
     text = line.lstrip("#,;\t ").strip()
     if text.startswith('"'):
         text = text[1:].removesuffix('"').replace('""', '"')
@@ -21,7 +21,7 @@ def header_values(line: str) -> dict[str, str]:
 
 
 def numbers(text: str) -> list[float]:
-    """Numbers of a list as it stands there; none where it is no list of numbers.
+    """Parse a list of numbers; empty if it is invalid.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""The pedestal: the surface that the rock stands on and can reach while its fate is open."""
+"""The pedestal: the surface that the rock stands on and may touch before it has toppled."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from toppling.models.frames import plane_normal, slope_of_normal
 
 @dataclass(frozen=True, eq=False)
 class Pedestal:
-    """An endless plane, or a plane's surroundings as scanned."""
+    """An infinite plane, or a scanned surface with an interface plane."""
 
     point_m: Array  # (3,): a point of the interface plane, scene frame
     normal: Array  # (3,): upward unit normal of the interface plane
-    # (n, 3): surface of the pedestal as scanned; None for an endless plane.
+    # (n, 3): scanned surface of the pedestal; None for an infinite plane.
     vertices_m: Array | None = None
     faces: NDArray[np.int64] | None = None  # (m, 3): its triangles, counter-clockwise seen from above
 
     @property
     def is_plane(self) -> bool:
-        """Whether the pedestal is an endless plane."""
+        """Whether the pedestal is an infinite plane."""
         return self.vertices_m is None
 
     @property
@@ -40,12 +40,12 @@ class Pedestal:
 
     @classmethod
     def sloping(cls, slope_deg: float, downhill_azimuth_deg: float) -> Pedestal:
-        """An endless plane through the origin that falls toward an azimuth.
+        """Infinite plane through the origin that falls toward an azimuth.
 
         Raises
         ------
         InputError
-            If the slope is none, or the azimuth is no number.
+            If the slope is out of range, or the azimuth is not finite.
         """
         if not 0.0 <= slope_deg < 90.0:
             raise InputError(

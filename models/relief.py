@@ -1,12 +1,12 @@
-"""Where a rock can touch an uneven pedestal, as feet over a plane.
+"""Contact points of a rock on an uneven pedestal, reduced to an equivalent body on a plane.
 
-What decides when rock and pedestal touch is the clearance between them. Over the interface plane, the clearance of a
-point of the rock is its height less that of the pedestal below it, and that of a point of the pedestal (a bump, the
-edge of a cliff) is the height of the rock's surface above it less its own; where an edge of the rock crosses one of
-the pedestal it is the difference of their heights. A foot is such a point with its clearance as height: a body with
-these feet on the bare plane touches where the rock touches the pedestal, at the same moments of a rocking motion. It
-keeps the plane's normal at every contact, and carries the relief along when it slides, so it holds for relief that is
-flat against its distance and for slips that are short against it.
+Contact is determined by the clearance between rock and pedestal. Over the interface plane, the clearance of a point of
+the rock is its height minus that of the pedestal below it, and that of a point of the pedestal (a bump, the edge of a
+cliff) is the height of the rock's surface above it minus its own; where an edge of the rock crosses one of the
+pedestal it is the difference of their heights. A foot is such a point with its clearance as height: a body with these
+feet on the plane touches it where and when the rock touches the pedestal in a rocking motion. The approximation uses
+the plane's normal at every contact, and moves the relief with the rock in a slip, so it is valid for relief with small
+slopes and for slips that are short compared with it.
 """
 
 from collections.abc import Iterator
@@ -24,28 +24,28 @@ from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 
 _ROUNDING = 1e-12
-"""Share of a surface's size below which a triangle counts as upright, or two as lying in one plane."""
+"""Tolerance, relative to a surface's size, within which a triangle is vertical, or two are coplanar."""
 
 _PIECE_SHARE = 0.01
-"""Edges are cut up into pieces of this share of the rock's size in plan before their neighbours are looked for."""
+"""Length of the pieces of edges in the search of neighbours, as a fraction of the rock's size in plan."""
 
 _PAIRS_AT_A_TIME = 200_000
-"""Pairs of edges, or of triangles and places, that are looked at together: some 50 MB."""
+"""Number of pairs of edges, or of triangles and points, that are processed together: some 50 MB."""
 
 _MANY_POINTS, _SLENDER, _HALVINGS = 256, 0.15, 10
-"""Points in the circle around a triangle, and its share of that circle (.41 of an equilateral one, .19 of half of one):
-with more, and with less, it is halved, so often at most: points at a sharp corner remain in its circle."""
+"""Number of points in a triangle's circle above which, and fraction of that circle's area (0.41 for an equilateral
+triangle) below which, a triangle is bisected; maximum number of bisections, because points at a sharp corner remain."""
 
 
 @kept
 def contact_feet_m(rock: Rock, pedestal: Pedestal) -> Array:
-    """Points of the rock that can touch the interface plane, the pedestal's relief taken into them.
+    """Points of the rock that can touch the interface plane, with the pedestal's relief included in their heights.
 
     Returns
     -------
     (n, 3) array
-        Scene frame; their height over the interface plane is the clearance. On an endless plane these are the vertices
-        of the rock's convex hull, on a surface those of the convex hull of all feet, of a drawn base its feet.
+        Scene frame; the height over the interface plane is the clearance. On an infinite plane these are the vertices
+        of the rock's convex hull, on a surface those of the convex hull of all feet, for a drawn base its feet.
 
     Raises
     ------
@@ -80,22 +80,22 @@ def contact_feet_m(rock: Rock, pedestal: Pedestal) -> Array:
             expected="a pedestal below the rock",
             remedy="check that rock and pedestal share one frame",
         )
-    # The centre of mass gives flat sets of feet a hull, and is never its lowest point.
+    # Including the centre of mass, which is never lowest, makes the hull of coplanar feet non-degenerate.
     com = (rock.com_m - pedestal.point_m) @ frame.T
     corners = ConvexHull(np.vstack([feet, com])).vertices
     return feet[corners[corners < len(feet)]] @ frame + pedestal.point_m
 
 
 def _edges_that_stand_out(vertices_m: Array, faces: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Edges (k, 2) of a surface that an edge above can touch between their ends: all but its creases.
+    """Edges (k, 2) of a surface that an edge above can touch between their ends: all except concave creases.
 
-    A crease is an edge whose two triangles lie on different sides of it, seen from above, and neither below the other's
-    plane. Along a straight edge above that crosses it, the ground is on both sides at least as high as these triangles,
-    so the clearance is there not more than they leave, and not more than above the crease on one side at least: no
-    corner of the feet's hull. That holds whatever layers lie above, even if triangles pass through each other. Rims,
-    ridges, and edges with an upright triangle or with both on one side (the top of a wall, an overhang) are no creases.
+    A crease is an edge whose two triangles lie on different sides of it in plan, and neither below the other's plane.
+    Along a straight edge that crosses above it, the ground on both sides is at least as high as these triangles, so the
+    clearance on at least one side is not larger than above the crease, which cannot be a vertex of the feet's hull.
+    This holds for any layers above, even if triangles intersect. Rims, ridges, and edges with a vertical triangle or
+    with both on one side (the top of a wall, an overhang) are not creases.
     """
-    # Each row both ends of an edge, and the corner opposite.
+    # Rows: both ends of an edge, and the opposite corner.
     half = faces[:, [0, 1, 2, 1, 2, 0, 2, 0, 1]].reshape(-1, 3)
     start, end = half[:, :2].min(axis=1), half[:, :2].max(axis=1)
     name = start * len(vertices_m) + end
@@ -118,7 +118,7 @@ def _edges_that_stand_out(vertices_m: Array, faces: NDArray[np.int64]) -> NDArra
 
 
 def _crossings(ground: Array, rock: Array) -> Iterator[Array]:
-    """Feet (k, 3) where edges (n, 2, 3) of the ground pass below edges (m, 2, 3) of the rock, some at a time."""
+    """Yield feet (k, 3), in batches, where edges (n, 2, 3) of the ground pass below edges (m, 2, 3) of the rock."""
     low, high = rock[..., :2].min(axis=(0, 1)), rock[..., :2].max(axis=(0, 1))
     longest = _PIECE_SHARE * float(np.linalg.norm(high - low))
     owner, middle, reach = _pieces(ground, low - longest, high + longest, longest)
@@ -132,7 +132,7 @@ def _crossings(ground: Array, rock: Array) -> Iterator[Array]:
 def _near(
     tree: cKDTree, middle: Array, radius: Array
 ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
-    """Circles and the points of a tree in them, as two index arrays of pairs, some at a time."""
+    """Yield pairs of circles and points of a tree inside them, in batches, as two index arrays."""
     count = tree.query_ball_point(middle, radius, return_length=True)
     batch = np.cumsum(count) // _PAIRS_AT_A_TIME
     for some in np.split(np.arange(len(middle)), np.flatnonzero(np.diff(batch)) + 1):
@@ -143,10 +143,7 @@ def _near(
 def _pieces(
     edges: Array, low: Array, high: Array, longest_m: float
 ) -> tuple[NDArray[np.int64], Array, Array]:
-    """Edges (n, 2, 3) cut up in plan, so that a long one is near few others: whose each piece is, middle, half length.
-
-    Of what lies outside of a box nothing is kept.
-    """
+    """Divide edges (n, 2, 3) in plan, clipped to a box, to pieces with few neighbours: owner, centre, half length."""
     start, way = edges[:, 0, :2], edges[:, 1, :2] - edges[:, 0, :2]
     with np.errstate(divide="ignore", invalid="ignore"):
         sides = np.stack([(low - start) / way, (high - start) / way])
@@ -163,9 +160,9 @@ def _pieces(
 
 
 def _feet_where_they_cross(below: Array, above: Array) -> Array:
-    """Feet of pairs of edges (n, 2, 3), of those that cross each other seen from above.
+    """Feet of those pairs of edges (n, 2, 3) that cross in plan.
 
-    Where another layer lies between the two, the foot is too high: above that layer's feet, and never touched.
+    If another layer lies between the two, the foot is above that layer's feet, and so never touches.
     """
     way, over_way, offset = below[:, 1] - below[:, 0], above[:, 1] - above[:, 0], above[:, 0] - below[:, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -179,7 +176,7 @@ def _feet_where_they_cross(below: Array, above: Array) -> Array:
 
 
 def height_below(places_m: Array, vertices_m: Array, faces: NDArray[np.int64], *, highest: bool) -> Array:
-    """Height of a triangulated surface at places of the plane.
+    """Height of a triangulated surface at points of the plane.
 
     Parameters
     ----------
@@ -188,7 +185,7 @@ def height_below(places_m: Array, vertices_m: Array, faces: NDArray[np.int64], *
         Height in the third column.
     faces : (m, 3) int array
     highest : bool
-        Whether the highest or the lowest of several layers counts.
+        Whether to take the highest of several layers, instead of the lowest.
 
     Returns
     -------
@@ -218,10 +215,10 @@ def height_below(places_m: Array, vertices_m: Array, faces: NDArray[np.int64], *
 
 
 def _circles(triangles: Array, tree: cKDTree) -> tuple[NDArray[np.int64], Array, Array]:
-    """Circles that together cover triangles (n, 3, 2), a little wider: whose each is, middle, radius.
+    """Circles, slightly enlarged, that cover triangles (n, 3, 2): owner, centre, radius.
 
-    A slender triangle is halved across its longest edge as long as its circle holds many points of a tree: most of them
-    lie beside it.
+    A slender triangle is bisected at its longest edge while its circle contains many points of a tree, most of which
+    lie outside the triangle.
     """
     owner, done = np.arange(len(triangles)), []
     wider = 1e-6 * np.linalg.norm(triangles - triangles.mean(axis=1)[:, None], axis=2).max(axis=1)

@@ -12,15 +12,15 @@ from toppling.models.errors import InputError, refusals
 from toppling.models.lengths import explaining_units
 
 _ROCK_HEIGHTS_M = (0.02, 100.0)
-"""From stones on a laboratory's shaking table to the tallest balanced rocks: beyond, the units are others."""
+"""Range of heights, from stones on a shaking table to the tallest balanced rocks, m: outside it units are wrong."""
 _COARSEST_PER_HEIGHT = 1e-2
-"""Steps of a rock's coordinates above this share of its height leave no shape to shake."""
+"""Maximum step of a rock's coordinates, as a fraction of its height: coarser ones lose the shape."""
 _FAR_SIZES = 100.0
-"""A mesh farther from the origin than this many of its diagonals is integrated about a point beside it: the moments
-about the origin grow with the fourth power of the distance, and here lose 3e-10 of the inertia; in survey coordinates
-nothing of it is left."""
+"""Distance from the origin, in diagonals of a mesh, beyond which it is integrated about a nearby point. Moments about
+the origin grow with the fourth power of the distance: at this one the inertia loses 3e-10, in survey coordinates all
+digits."""
 _FARTHEST_M = 1e8
-"""Beyond the coordinates of any survey on Earth, geocentric ones included."""
+"""Maximum absolute coordinate, m: larger than any survey coordinates, including geocentric ones."""
 
 
 _mesh_error = refusals(
@@ -33,7 +33,7 @@ _mesh_error = refusals(
 class Rock:
     """A closed, outward-oriented triangle mesh and its mass properties at unit density.
 
-    The motion of a homogeneous rigid body does not depend on its density, so none is kept: inertia is given per mass.
+    The motion of a homogeneous rigid body is independent of its density: inertia is given per mass.
     """
 
     vertices_m: Array  # (n, 3): vertices in the scene frame, metres
@@ -42,8 +42,8 @@ class Rock:
     com_m: Array  # (3,): centre of mass, scene frame
     # (3, 3): inertia tensor over mass, about the centre of mass, scene axes.
     inertia_per_mass_m2: Array
-    # (k, 3): points that can touch the interface plane, scene frame, where a drawn base gives them
-    # (`models.hidden_base.draws`); None where rock and pedestal are touched as their meshes are.
+    # (k, 3): points that can touch the interface plane, scene frame, for a drawn base (`models.hidden_base.draws`);
+    # None where contact is between the meshes.
     feet_m: Array | None = None
 
     @classmethod
@@ -51,13 +51,13 @@ class Rock:
         """Rock from a closed triangle mesh; coincident vertices are merged, mass properties integrated exactly.
 
         Raises InputError if the mesh is not closed, not consistently oriented, not one body, encloses no volume, is
-        too thin for its inertia to be told, or comes in steps that leave no shape.
+        too thin for a usable inertia, or has too coarse coordinates.
         """
         check_triangles(vertices_m, faces, where)
         _check_steps(np.asarray(vertices_m, float), where)
         mesh = trimesh.Trimesh(np.asarray(vertices_m, float), np.asarray(faces, np.int64), process=False)
         mesh.merge_vertices(merge_tex=True, merge_norm=True)
-        # A sliver of three vertices in one line joins its neighbours, and without it the mesh would be open.
+        # A degenerate triangle of three collinear vertices connects its neighbours, and keeps the mesh closed.
         joins_three = (mesh.faces != np.roll(mesh.faces, 1, axis=1)).all(axis=1)
         mesh.update_faces(joins_three)
         mesh.update_faces(mesh.unique_faces())
@@ -98,7 +98,7 @@ class Rock:
         )
 
     def moved(self, rotation: ArrayLike, translation_m: ArrayLike = (0.0, 0.0, 0.0)) -> "Rock":
-        """Rock turned about the origin by a (3, 3) rotation and then shifted by `translation_m`."""
+        """Rock rotated about the origin by a (3, 3) matrix and then shifted by `translation_m`."""
         turn = np.asarray(rotation, float)
         shift = np.asarray(translation_m, float)
         return Rock(
@@ -130,7 +130,7 @@ class Rock:
     def half_diagonal_m(self) -> float:
         """Distance from the centre of mass to the farthest point of the lower half of the convex hull.
 
-        For a rectangular block this is R of the rocking literature, the distance from centre to corner.
+        For a rectangular block this is R in the literature on rocking, the distance from centre to corner.
         """
         below = self.hull_vertices_m[self.hull_vertices_m[:, 2] <= self.com_m[2]]
         return float(np.linalg.norm(below - self.com_m, axis=1).max())
@@ -142,20 +142,16 @@ class Rock:
 
 
 def origin_beside_m(vertices_m: Array) -> Array:
-    """Origin (3,) beside a mesh that lies far from its own, at its lowest height: zero where it is near already."""
+    """Origin (3,) near a mesh that lies far from its own, at its lowest height; zero for a mesh near its origin."""
     low, high = vertices_m.min(axis=0), vertices_m.max(axis=0)
     if np.linalg.norm(0.5 * (low + high)) <= _FAR_SIZES * np.linalg.norm(high - low):
         return np.zeros(3)
-    # Whole metres in plan, so that nothing is lost by the subtraction.
+    # Whole metres in plan, so that the subtraction is exact.
     return np.append(np.floor(0.5 * (low + high))[:2], low[2])
 
 
 def check_triangles(vertices_m: ArrayLike, faces: ArrayLike, where: str) -> None:
-    """Refuse vertices that are no places, and triangles between vertices that there are not.
-
-    Raises InputError if a shape is wrong, a coordinate is not finite or beyond `_FARTHEST_M`, or an index is out of
-    range.
-    """
+    """Raise InputError for wrong shapes, coordinates not finite or beyond `_FARTHEST_M`, or indices out of range."""
     try:
         vertices, triangles = np.asarray(vertices_m, float), np.asarray(faces)
     except (TypeError, ValueError) as error:
@@ -187,11 +183,7 @@ def check_triangles(vertices_m: ArrayLike, faces: ArrayLike, where: str) -> None
 
 
 def check_size(height_m: float, where: str, option: str = "--units") -> None:
-    """Refuse a rock that is not in metres.
-
-    option: by which the user says the unit.
-    Raises InputError if its height is none of a rock that is worth shaking.
-    """
+    """Raise InputError if a rock's height is implausible in metres; `option` is the one that states the unit."""
     least, most = _ROCK_HEIGHTS_M
     if not least <= height_m <= most:
         raise InputError(
@@ -206,10 +198,7 @@ def check_size(height_m: float, where: str, option: str = "--units") -> None:
 
 
 def _check_steps(vertices: Array, where: str) -> None:
-    """Refuse vertices in single precision so far from zero that the rock's shape is lost.
-
-    Raises InputError if they come in steps wider than a hundredth of the rock's height.
-    """
+    """Raise InputError if coordinates in single precision are so large that their steps lose the rock's shape."""
     single, height_m = vertices.astype(np.float32), float(np.ptp(vertices[:, 2])) if len(vertices) else 0.0
     step_m = float(np.spacing(np.abs(single).max(initial=0.0))) if (single == vertices).all() else 0.0
     if step_m > _COARSEST_PER_HEIGHT * height_m > 0.0:

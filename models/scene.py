@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from toppling.models.ground.plane import GroundKind
 
 COM_SPREAD_SHARE = 0.005
-"""Standard deviation of the centre of mass over the height, in a realisation of a scene that knows none of its own."""
+"""Default standard deviation of the centre of mass in a realisation, as a fraction of the rock's height."""
 
 _scene_error = refusals(
     expected=f"a scene folder of schema version {SCHEMA_VERSION}, as written",
@@ -58,11 +58,10 @@ class Scene:
     origin_m : (3,) array
         Survey coordinates of the local origin.
     report : mapping
-        What the scan found out on the way (interface, uncertainty, shares of the surface seen and invented ...):
-        kept and shown, without influence on the motion or on the id, the spread of the centre of mass aside.
+        Report of the scan (interface, uncertainty, fractions of the surface seen and invented ...), without influence
+        on the motion or the id, except for the uncertainty of the centre of mass.
     unseen : UnseenBase or None
-        Draws of the base that nobody saw, from which realisations take theirs. Where it names a nominal one, the rock
-        is given its feet.
+        Draws of the hidden base for realisations. If one of them is nominal, the rock has its feet.
     """
 
     rock: Rock
@@ -88,7 +87,7 @@ class Scene:
         restitution: float = 0.0,
         gravity: float = STANDARD_GRAVITY_M_S2,
     ) -> "Scene":
-        """A rectangular block on a level plane.
+        """Rectangular block on a level plane.
 
         Parameters
         ----------
@@ -97,7 +96,7 @@ class Scene:
         friction : float or pair of float
             Coulomb coefficient, or (static, kinetic).
         restitution : float
-            0 to 1: what brings the rock to rest in an impact acts so many times again.
+            Poisson's coefficient, 0 to 1: impulse of restitution over that of compression.
         gravity : float
             m/s2.
         """
@@ -123,11 +122,11 @@ class Scene:
         refine: bool = False,
         units: str | None = None,
     ) -> "Scene":
-        """A closed mesh on a plane, or on a surface of its own.
+        """Closed mesh on a plane, or on a given surface.
 
-        The mesh keeps its own attitude to the plane: one with z up stands square on the slope. It is shifted along
-        the plane's normal until its lowest point touches. One in survey coordinates is moved to a local origin beside
-        it, which the scene keeps as `origin_m`.
+        The mesh keeps its attitude relative to the plane: one with z up stands perpendicular to the slope. It is
+        shifted along the plane's normal until its lowest point touches. One in survey coordinates is moved to a local
+        origin, the scene's `origin_m`.
 
         Parameters
         ----------
@@ -139,20 +138,19 @@ class Scene:
         slope_azimuth_deg : float
             Azimuth toward which the plane falls.
         pedestal : as mesh, optional
-            The surface below and beside the rock, in the rock's frame, in which the rock stands: it is shifted along
-            the plumb line to where it touches.
+            The surface below and around the rock, in the rock's frame; the rock is shifted vertically until it touches.
         refine : bool
             Whether the triangles of a rounded base are refined. By default it touches with the smooth surface that its
             vertices stand for, whatever their number, unless it is curved in one direction only.
         units : str, optional
-            Of the coordinates: m, mm, cm, ft, ... If not given, what remarks in the file state, else metres; then a
-            rock larger than any precarious one that is known gets a UserWarning.
+            Unit of the coordinates: m, mm, cm, ft, ... If not given, that stated in the file, else metres; then a rock
+            larger than any known precarious one gets a UserWarning.
 
         Raises
         ------
         InputError
             If the file cannot be read as a mesh, the mesh is not one closed body or not of a rock's height, the plane
-            is none, or the rock does not stand at the surface.
+            is invalid, or the rock does not stand on the surface.
         """
         plane = Pedestal.sloping(slope_deg, slope_azimuth_deg)
         rock, origin = rock_of(mesh, units)
@@ -164,34 +162,34 @@ class Scene:
         return cls(*placed, contact, gravity, origin)
 
     def with_contact(self, contact: ContactProperties) -> "Scene":
-        """The same scene with other contact properties."""
+        """Scene with other contact properties."""
         return dataclasses.replace(self, contact=contact)
 
     def with_friction(self, friction: float) -> "Scene":
-        """The same scene with another friction, static and kinetic; its restitution stays."""
+        """Scene with another friction, static and kinetic, and the same restitution."""
         return self.with_contact(ContactProperties.of(friction, self.contact.restitution))
 
     def on_base(self, number: int) -> "Scene":
-        """The same scene on one of the drawn bases, with its centre of mass, and at rest in its pose."""
+        """Scene on one of the drawn bases, with its centre of mass, at rest in its pose."""
         assert self.unseen is not None
         rock = self.unseen.realised(self.rock, self.pedestal, number)
         return dataclasses.replace(self, rock=rock, unseen=dataclasses.replace(self.unseen, nominal=None))
 
     @property
     def com_std_m(self) -> Array | None:
-        """Standard deviation (3,) of the centre of mass, where the scan states it; realisations draw from it."""
+        """Standard deviation (3,) of the centre of mass for realisations, if the scan states it."""
         spread = self.report.get("uncertainty", {}).get("com_std_m")
         return None if spread is None else np.array(spread, float)
 
     @cached_property
     def rounded_base(self) -> RoundedBase | None:
-        """What it touches with where its base is rounded and was not drawn; else None."""
+        """Rounded base of the rock, unless the base was drawn; else None."""
         drawn = self.unseen is not None or self.rock.feet_m is not None
         return None if drawn else rounded_base_of(self.rock)
 
     @property
     def rolling_body(self) -> RollingBody | None:
-        """The rock as it rolls on the smooth surface of a rounded base; None where it does not."""
+        """Rolling body on the smooth surface of a rounded base; None for other bases."""
         base = self.rounded_base
         if base is None or not base.rolls or not self.ground.is_plane:
             return None
@@ -199,7 +197,7 @@ class Scene:
 
     @cached_property
     def ground(self) -> "GroundKind":
-        """Whether the rock stands where its pedestal is the interface plane, or on another surface, and why."""
+        """Whether the pedestal is the interface plane where the rock stands, or another surface, with the reason."""
         from toppling.models.ground.plane import GroundKind, kind_where_it_stands
 
         if self.pedestal.is_plane:
@@ -210,12 +208,12 @@ class Scene:
 
     @property
     def is_drawn_over_plane(self) -> bool:
-        """Whether its base was drawn over the interface plane, and not its own surface."""
+        """Whether the base was drawn over the interface plane, rather than over the pedestal's surface."""
         return self.rock.feet_m is not None or (self.unseen is not None and self.unseen.vertices is None)
 
     @cached_property
     def grounded(self) -> "GroundedBody":
-        """The rock on its pedestal's surface, prepared for contacts that have normals of their own."""
+        """The rock on its pedestal's surface, for contacts with individual normals."""
         from toppling.models.ground.body import grounded_body
 
         friction = (self.contact.friction_static, self.contact.friction_kinetic)
@@ -225,10 +223,9 @@ class Scene:
     def quasi_static_toppling_m_s2(self, azimuths_deg: Iterable[float]) -> list[tuple[float, float]]:
         """Least constant horizontal ground acceleration that topples the rock, by its azimuth.
 
-        On one plane without slip (:mod:`toppling.models.statics`, of a rounded base
-        :mod:`toppling.models.rounded.base`); on a surface the largest with an equilibrium of
-        friction cones, in the pose in which the rock rests or one that it tips into without gathering speed. 0 where
-        the rock does not stand by itself.
+        On a plane without slip (:mod:`toppling.models.statics`, for a rounded base
+        :mod:`toppling.models.rounded.base`); on a surface the largest with an equilibrium within friction cones, in
+        the rest pose or one that the rock reaches quasi-statically. 0 where the rock does not stand by itself.
 
         Returns
         -------
@@ -243,16 +240,16 @@ class Scene:
 
     @cached_property
     def _stated_toppling_m_s2(self) -> list[tuple[float, float]]:
-        """What `scene.json` states: of a base that was drawn over a surface, what the scan found for it."""
+        """Values for `scene.json`: for a base drawn over a surface, those of the scan."""
         known = self.report.get("unseen_base", {}).get("nominal_m_s2")
         if known is not None and not self.ground.is_plane:
             return list(zip(np.arange(0.0, 360.0, 360.0 / len(known)).tolist(), known, strict=True))
-        # On surfaces an azimuth takes a second and more.
+        # On surfaces an azimuth takes more than a second.
         return self.quasi_static_toppling_m_s2(np.arange(0.0, 360.0, 5.0 if self.ground.is_plane else 15.0))
 
     @cached_property
     def id(self) -> str:
-        """Hash of all that can change the motion except the contact properties, which belong to the job."""
+        """Hash of all that affects the motion except the contact properties, which belong to the job."""
         hashed = hashlib.sha256()
         geometry = [self.rock.vertices_m, self.rock.faces, self.pedestal.point_m, self.pedestal.normal]
         if self.pedestal.vertices_m is not None and self.pedestal.faces is not None:
@@ -271,7 +268,7 @@ class Scene:
         return hashed.hexdigest()[:20]
 
     def save(self, folder: str | os.PathLike[str]) -> Path:
-        """Write `scene.json`, `rock.ply`, `pedestal.ply` and the bases that are drawn; complete or not at all.
+        """Write `scene.json`, `rock.ply`, `pedestal.ply` and the drawn bases, atomically.
 
         Raises
         ------
@@ -284,7 +281,7 @@ class Scene:
         return target
 
     def write_into(self, folder: Path) -> None:
-        """Write the files of :meth:`save` into a folder that is there."""
+        """Write the files of :meth:`save` to an existing folder."""
         write_ply(folder / "rock.ply", self.rock.vertices_m, self.rock.faces)
         write_ply(folder / "pedestal.ply", *self.pedestal_triangles())
         if self.unseen is not None:
@@ -292,7 +289,7 @@ class Scene:
         digest.write_json(folder / "scene.json", self.to_json() | {"files": digests_of_scene(folder)})
 
     def to_json(self) -> dict[str, Any]:
-        """The content of `scene.json`; what is not finite (an acceleration that nothing reaches) is null."""
+        """Content of `scene.json`; infinite values (where no acceleration topples) are null."""
         slope, downhill = self.pedestal.slope_deg, self.pedestal.downhill_azimuth_deg
         interface = {
             "slope_deg": slope,
@@ -332,7 +329,7 @@ class Scene:
         Raises
         ------
         InputError
-            If a file is missing, not whole or of another schema, or the content does not match its id.
+            If a file is missing, damaged or of another schema, or the content does not match its id.
         """
         source = local(folder)
         try:
@@ -369,7 +366,7 @@ class Scene:
         return scene
 
     def pedestal_triangles(self) -> tuple[Array, NDArray[np.int64]]:
-        """Vertices (n, 3) and triangles (m, 3) of the pedestal to be shown; of an endless plane a square of it."""
+        """Vertices (n, 3) and triangles (m, 3) of the pedestal for display; a square for an infinite plane."""
         if self.pedestal.vertices_m is not None and self.pedestal.faces is not None:
             return self.pedestal.vertices_m, self.pedestal.faces
         reach = 2.0 * float(np.linalg.norm(np.ptp(self.rock.vertices_m, axis=0)))

@@ -1,4 +1,4 @@
-"""How far a rock settles before it is shaken: from its scanned pose to the one in which it stands by itself."""
+"""Settling of a rock before it is shaken: from its scanned pose to the one in which it stands by itself."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from toppling.models.frames import azimuth_deg
 from toppling.models.rock import Rock
 
 _SAID_FROM_DEG = 0.1
-"""Half samples of a scan give its interface within about this angle; a smaller tilt is not significant."""
-
+"""Tilt from which a settling is reported, degrees: the typical error of a scanned interface."""
 _SAID_FROM_SHARE = 0.002
-"""Of the rock's height; a rock scanned at rest moves less."""
+"""Displacement from which a settling is reported, as a fraction of the rock's height; a rock scanned at rest moves
+less."""
 
 
 @dataclass(frozen=True)
 class Settling:
-    """The difference between a rock's pose in its scene and the one in which every job begins."""
+    """Difference between a rock's pose in its scene and the one in which every job begins."""
 
-    tilt_deg: float  # angle between the interface's normal before and after it moved with the rock
+    tilt_deg: float  # angle between the interface's normal before and after rotation with the rock
     toward_deg: float  # azimuth toward which it tilted
     way_m: float  # displacement of the vertex that moved farthest
     height_m: float  # of the rock in the scene
@@ -42,7 +42,7 @@ class Settling:
 
     @property
     def sentence(self) -> str | None:
-        """The settling in words; None where the rock stands as scanned."""
+        """Sentence on the settling; None where the rock stands as scanned."""
         if self.tilt_deg >= _SAID_FROM_DEG:
             return (
                 f"the rock settles by {self.tilt_deg:.1f}° toward azimuth {self.toward_deg:.0f}° "

@@ -1,4 +1,4 @@
-"""Closed-form bodies: meshes whose mass properties and statics are known exactly."""
+"""Meshes of simple bodies whose mass properties and statics are known in closed form."""
 
 import numpy as np
 import trimesh

@@ -1,4 +1,4 @@
-"""Shares estimated from few draws, and how much draws say that weigh unlike."""
+"""Proportions estimated from few draws, and the effective number of weighted draws."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from toppling.models.arrays import Array
 
 
 def jeffreys_mean(count: Any, of: Any) -> Any:
-    """Share of which no more is known than that `count` of `of` draws have it (Jeffreys' prior): never 0 or 1."""
+    """Posterior mean of a proportion under Jeffreys' prior, after `count` of `of` draws: never 0 or 1."""
     return (count + 0.5) / (of + 1.0)
 
 
 def effective_number(weights: Array) -> float:
-    """Kish's number of equally weighted draws that say as much as these, which are not all 0."""
-    share = weights / weights.max()  # squares of weights may be too small for a number
+    """Kish's effective number of draws with weights that are not all 0."""
+    share = weights / weights.max()  # avoids underflow of squares
     return float(share.sum() ** 2 / (share**2).sum())

@@ -1,14 +1,14 @@
-"""Words as they are written: what a misspelt one was probably meant to be, and the plural."""
+"""Suggestions for misspelt words, and plurals."""
 
 from collections.abc import Iterable
 from difflib import get_close_matches
 
 _LONGEST = 60
-"""Letters of a word that a person may have misspelt; comparing costs their square."""
+"""Maximum number of letters of a word that is compared, at quadratic cost."""
 
 
 def counted(number: int, noun: str) -> str:
-    """A number of things in words.
+    """Format a number with a noun in singular or plural.
 
     Examples
     --------
@@ -19,7 +19,7 @@ def counted(number: int, noun: str) -> str:
 
 
 def nearest(word: str, known: Iterable[str]) -> str | None:
-    """The known word that is most like another one, in any case; None where none is like it.
+    """Known word most similar to a word, ignoring case; None if none is similar.
 
     Examples
     --------
@@ -40,7 +40,7 @@ def nearest(word: str, known: Iterable[str]) -> str | None:
 
 
 def did_you_mean(word: object, known: Iterable[str], otherwise: str) -> str:
-    """Say what a word was probably meant to be, or something else where nothing is like it.
+    """Suggest a correction of a misspelt word, or return `otherwise` if no known word is similar.
 
     Examples
     --------

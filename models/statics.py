@@ -1,7 +1,6 @@
 """Statics of a rock on its pedestal: support polygon, lift-off, quasi-static toppling, cone of equilibrium.
 
-Everything here is for the interface plane; an uneven surface has a support polygon only where it lies in that
-plane.
+All functions apply to the interface plane; an uneven surface has a support polygon only where it lies in that plane.
 """
 
 from __future__ import annotations
@@ -33,16 +32,15 @@ __all__ = [
 ]  # fmt: skip
 
 EQUILIBRIUM_MARGIN = 1e-9
-"""Share by which each condition must be met before :func:`equilibrium_possible` says yes."""
+"""Relative margin by which each condition of :func:`equilibrium_possible` must be satisfied."""
 
 
 def support_polygon_m(rock: Rock, pedestal: Pedestal) -> Array:
     """Corners (k, 3), scene frame, of the convex hull of the rock's contact with the interface plane.
 
-    Counter-clockwise seen along the plane's normal from above. Where the pedestal is a surface,
-    its relief and its edges are taken into the rock's feet (:mod:`models.relief`). Fewer than three corners
-    mean that the rock stands on a point or a line within ``CONTACT_SHARE_OF_HEIGHT``: it rolls, or is not
-    seated.
+    Counter-clockwise seen from above along the plane's normal. For a surface, its relief and edges are included in the
+    rock's feet (:mod:`models.relief`). Fewer than three corners mean that the rock stands on a point or a line within
+    ``CONTACT_SHARE_OF_HEIGHT``: it rolls, or is not seated.
     """
     return polygon(_contact_points(rock, pedestal), pedestal.normal, CONTACT_SHARE_OF_HEIGHT * rock.height_m)
 
@@ -52,9 +50,8 @@ def lift_off_m_s2(
 ) -> list[tuple[float, float]]:
     """Least constant horizontal ground acceleration that moves the rock off its support, by its azimuth.
 
-    A rock that does not stand on three points is first let down onto the facet of its hull that gravity alone
-    leads to. No slip. Zero where gravity alone topples the rock, infinite where no acceleration of this
-    azimuth lifts it.
+    A rock that does not stand on three points is first settled onto a facet of its hull under gravity. No slip. Zero
+    where gravity alone topples the rock, infinite where no acceleration of this azimuth lifts it.
 
     Returns
     -------
@@ -69,9 +66,9 @@ def quasi_static_toppling_m_s2(
 ) -> list[tuple[float, float]]:
     """Least constant horizontal ground acceleration, slowly applied, that topples, by its azimuth.
 
-    The end of the quasi-static path (:mod:`models.facet_path`): the acceleration beyond which no rest is left with a
-    tilt up to ``TOPPLED_TILT_DEG`` and a centre of mass fallen by no more than ``TOPPLED_FALL``. A rock with
-    a flat sharp-edged base topples when it lifts off; one with a rounded base rolls before. No slip.
+    End of the quasi-static path (:mod:`models.facet_path`): the acceleration beyond which there is no stable pose with
+    a tilt up to ``TOPPLED_TILT_DEG`` and a centre of mass lowered by at most ``TOPPLED_FALL``. A rock with a flat
+    sharp-edged base topples when it lifts off; one with a rounded base rolls first. No slip.
 
     Returns list of (azimuth_deg, acceleration_m_s2): zero where gravity alone topples the rock, infinite where no
     acceleration of this azimuth does.
@@ -81,9 +78,9 @@ def quasi_static_toppling_m_s2(
 
 
 def at_rest(rock: Rock, pedestal: Pedestal, gravity_m_s2: float) -> tuple[Array, Array] | None:
-    """Rotation (3, 3) and translation (3,) that let a rock down to where it stands; None if it falls.
+    """Rotation (3, 3) and translation (3,) that settle a rock to a stable pose; None if it topples.
 
-    It rolls without slip or gathering speed from facet to facet of its hull until one holds it. The three or more feet
+    It rolls quasi-statically without slip from facet to facet of its hull until one is stable. The three or more feet
     of that facet lie in the interface plane within ``CONTACT_SHARE_OF_HEIGHT``.
     """
     seat = Seat.of(rock, pedestal)
@@ -112,16 +109,16 @@ def equilibrium_possible(
 ) -> NDArray[np.bool_]:
     """Whether contact forces exist that keep the rock at rest under each ground acceleration.
 
-    For frictional points on one plane the set is exactly: the effective gravity g - a points into the plane,
-    its tangential part is at most the static friction times the normal one, and its line of action through
-    the centre of mass pierces the support polygon. (Necessary: sum the forces; take moments about each edge.
-    Sufficient: share the weight so that its centre of pressure is the piercing point, and let every point's
-    friction be the same share of its normal force; then the resultant acts along the line of action.) The
-    three conditions are homogeneous and convex in (g - a): a cone.
+    For frictional points on one plane the exact conditions are: the effective gravity g - a points into the plane, its
+    tangential part is at most the static friction times the normal one, and its line of action through the centre of
+    mass pierces the support polygon. (Necessary: sum the forces; take moments about each edge. Sufficient: distribute
+    the weight so that its centre of pressure is the piercing point, and let every point's friction be the same fraction
+    of its normal force; then the resultant acts along the line of action.) The three conditions are homogeneous and
+    convex in (g - a): a cone.
 
-    Each must hold with the margin ``EQUILIBRIUM_MARGIN``, so the answer errs toward no by that share. A rock
-    that stands on fewer than three points, or on a pedestal of which nothing lies in the interface plane, is
-    given no equilibrium: whether it stays at rest is not decided by statics.
+    Each must be satisfied with the margin ``EQUILIBRIUM_MARGIN``, so the result is conservative. For a rock on fewer
+    than three points, or on a pedestal of which nothing lies in the interface plane, the result is false: statics does
+    not decide whether it stays at rest.
 
     Parameters
     ----------
@@ -138,7 +135,7 @@ def equilibrium_possible(
 
 
 def polygon(points_m: Array, normal: Array, width_m: float) -> Array:
-    """Corners of the convex hull of points (k, 3) of a plane, counter-clockwise; all points if it is thinner."""
+    """Corners, counter-clockwise, of the convex hull of coplanar points (k, 3); all points if narrower than a width."""
     if len(points_m) < 3:
         return points_m
     order = planar_hull(points_m @ np.column_stack(plane_axes(normal)), width_m)
@@ -148,13 +145,13 @@ def polygon(points_m: Array, normal: Array, width_m: float) -> Array:
 def holds_still(
     corners_m: Array, com_m: Array, normal: Array, friction: float, pull_m_s2: Array
 ) -> NDArray[np.bool_]:
-    """The cone of :func:`equilibrium_possible` for a support polygon in any pose and frame.
+    """Conditions of :func:`equilibrium_possible` for a support polygon in any pose and frame.
 
-    corners_m: (k, 3), counter-clockwise seen against the normal; fewer than three hold nothing.
+    corners_m: (k, 3), counter-clockwise seen against the normal; with fewer than three the result is false.
     com_m: (3,).
     normal: (3,), upward unit normal of the plane.
     friction: static coefficient.
-    pull_m_s2: (n, 3), gravity less ground acceleration.
+    pull_m_s2: (n, 3), gravity minus ground acceleration.
     Returns (n,) bool array.
     """
     if len(corners_m) < 3 or planar_hull(corners_m @ np.column_stack(plane_axes(normal)), 0.0) is None:
@@ -172,9 +169,9 @@ def holds_still(
 def tipping_m_s2(
     corners_m: Array, com_m: Array, normal: Array, gravity_m_s2: float, azimuths_deg: Iterable[float]
 ) -> list[tuple[float, float]]:
-    """Least constant horizontal ground acceleration that tips a rock over an edge of a given support polygon.
+    """Least constant horizontal ground acceleration that topples a rock over an edge of a given support polygon.
 
-    Anooshehpoor, Brune and Zeng's formula (2004) for each edge, without slip: the line of action of gravity less
+    Anooshehpoor, Brune and Zeng's formula (2004) for each edge, without slip: the line of action of gravity minus
     ground acceleration leaves the polygon.
 
     Parameters
@@ -183,12 +180,12 @@ def tipping_m_s2(
         Counter-clockwise seen against the normal.
     com_m, normal : (3,) array
     azimuths_deg : iterable of float
-        Of the ground's acceleration.
+        Azimuths of the ground's acceleration.
 
     Returns
     -------
     list of (azimuth_deg, acceleration_m_s2)
-        Zero where gravity alone tips it, infinite where no acceleration of this azimuth does.
+        Zero where gravity alone topples it, infinite where no acceleration of this azimuth does.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Support polygons, and when a rock counts as toppled."""
+"""Support polygons, and limits beyond which a rock counts as toppled."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from scipy.spatial import ConvexHull, QhullError
 from toppling.models.arrays import Array
 
 CONTACT_SHARE_OF_HEIGHT = 1e-6
-"""Points within this share of the rock's height of the interface plane count as touching it."""
+"""Distance from the interface plane within which points are in contact, as a fraction of the rock's height."""
 
 TOPPLED_TILT_DEG = 45.0
-"""A rest tilted by more than this counts as toppled."""
+"""Tilt at rest beyond which a rock counts as toppled, degrees."""
 
 TOPPLED_FALL = 0.25
-"""A centre of mass fallen by more than this share of its height above the support counts as toppled."""
+"""Fall of the centre of mass beyond which a rock counts as toppled, as a fraction of its height above the support."""
 
 
 _ON_A_LINE = 1e-14
-"""Share of its sides' squares below which a triangle has no area but rounding."""
+"""Area of a triangle, relative to the squares of its sides, below which it is degenerate."""
 
 
 def moment_arms(ring: Array, com: Array, normal: Array) -> Array:
-    """Vectors w (k, 3): w_k . f > 0 where a force f on the centre of mass holds the rock down on edge k."""
+    """Vectors w (k, 3) such that w_k . f is the stabilising moment of a force f on the centre of mass about edge k."""
     edge = np.roll(ring, -1, axis=0) - ring
     edge = edge - np.outer(edge @ normal, normal)
     axis = edge / np.linalg.norm(edge, axis=1)[:, None]
@@ -33,10 +33,10 @@ def moment_arms(ring: Array, com: Array, normal: Array) -> Array:
 
 
 def planar_hull(points: Array, width_m: float) -> NDArray[np.intp] | None:
-    """Order (k, 2) points into their counter-clockwise convex hull; None where they lie on one line."""
+    """Indices of the counter-clockwise convex hull of points (k, 2); None if they are collinear."""
     if np.ptp(points @ _narrow_direction(points)) <= width_m:
         return None
-    if len(points) == 3:  # most supports of a path: Qhull took a sixth of it
+    if len(points) == 3:  # most supports of a path; faster than Qhull
         (x, y), (u, v) = points[1] - points[0], points[2] - points[0]
         twice_area = x * v - y * u
         if abs(twice_area) <= _ON_A_LINE * (x * x + y * y + u * u + v * v):

@@ -1,4 +1,4 @@
-"""A rock's way through a shake, as plain arrays."""
+"""Trajectory of a rock during a shake, as arrays."""
 
 from dataclasses import dataclass
 
@@ -11,6 +11,6 @@ class Trajectory:
 
     time_s: Array  # (n,)
     position_m: Array  # (n, 3): centre of mass, scene frame
-    # (n, 4): rotation to the present pose, scene axes: from that in which the rock was seated, or, where its
-    # start was given, from that of the scene.
+    # (n, 4): rotation to the current pose in scene axes, from the pose in which the rock was seated, or from that of
+    # the scene if its start was given.
     quaternion_xyzw: Array

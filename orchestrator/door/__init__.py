@@ -1,6 +1,6 @@
-"""How strong a shaking topples a rock: scenes, motions, one shake, and what each verb of the command line does.
+"""Fragility of precariously balanced rocks: scenes, motions, shakes, and the functions behind the command line.
 
-What a name needs is imported when the name is first used, so that no one waits for what is not asked for.
+Names are imported when they are first used, which avoids slow imports.
 
 Examples
 --------

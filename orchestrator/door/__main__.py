@@ -1,11 +1,11 @@
-"""The command `toppling`, and `python -m toppling`: Ctrl-C is heard before anything is imported that takes time."""
+"""The command `toppling`, and `python -m toppling`: Ctrl-C is handled before slow imports."""
 
 from toppling.orchestrator.interrupt import as_program
 from toppling.orchestrator.safe_path import safe_as_module, safe_for_children
 
 
 def main() -> None:
-    """Call the verb that the command line names."""
+    """Run the command line."""
     as_program(_call)
 
 

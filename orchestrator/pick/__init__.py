@@ -1,3 +1,3 @@
-"""`toppling scan --pick`: a scan's hints given by clicks on its cloud."""
+"""`toppling scan --pick`: hints for a scan by clicks on its point cloud."""
 
 __all__ = ["pick_servers"]

@@ -1,4 +1,4 @@
-"""A scan's work in a process of its own that keeps the cloud: native code delays no click then."""
+"""Computation of a scan in a separate process that caches the cloud, so that native code does not delay clicks."""
 
 import contextlib
 import dataclasses
@@ -29,11 +29,11 @@ from toppling.orchestrator.safe_path import without_working_folder
 
 
 class EndedError(Exception):
-    """The process was ended on purpose."""
+    """The process was ended deliberately."""
 
 
 class Apart:
-    """One process, started when it is needed, that calls one function at a time."""
+    """Process, started when needed, that executes one function call at a time."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -42,11 +42,11 @@ class Apart:
         self._over = False
 
     def do(self, note: Callable[[str], None], function: Callable[..., Any], *arguments: Any) -> Any:
-        """Call `function(*arguments, note)` there; what `note` raises here ends the call there at its next note.
+        """Call `function(*arguments, note)` in the process; an exception of `note` here stops it at its next note.
 
         Raises EndedError once `end` was called.
-        Raises InputError if the process died, as one does that takes more memory than there is.
-        Raises Exception: whatever the function raises.
+        Raises InputError if the process died, such as by lack of memory.
+        Raises Exception: exceptions of the function.
         """
         line = self._started()
         stopped: BaseException | None = None
@@ -68,7 +68,7 @@ class Apart:
         return content
 
     def end(self) -> None:
-        """End the process at once, from any thread; there will be no other."""
+        """End the process immediately and permanently, from any thread."""
         with self._lock:
             self._over = True
             if self._process is not None:
@@ -103,11 +103,11 @@ class Apart:
 
 
 class _StoppedError(Exception):
-    """Nobody waits for this any more."""
+    """The result is no longer needed."""
 
 
 def _serve(line: Connection) -> None:
-    """Do what is asked, until the one who asks is gone."""
+    """Execute calls until the connection is closed."""
 
     def note(stage: str) -> None:
         line.send(("note", stage))
@@ -132,19 +132,19 @@ def _serve(line: Connection) -> None:
 _Note = Callable[[str], None]
 
 _KNOWN: dict[Path, Registered] = {}
-"""The cloud of this process, by its folder."""
+"""Registered cloud of this process, by its folder."""
 
 
 @dataclass(frozen=True, eq=False)
 class Stored:
-    """A cloud whose arrays lie in a folder, mapped by every process that needs them, so that memory has them once."""
+    """Cloud whose arrays are files, memory-mapped by all processes, so that they are in memory once."""
 
     folder: Path
     rest: Cloud
 
     @classmethod
     def of(cls, cloud: Cloud, folder: Path) -> "Stored":
-        """Write a cloud into a folder that does not exist."""
+        """Write a cloud to a new folder."""
         folder.mkdir()
         for name in ("points_m", "station", "label"):
             if (values := getattr(cloud, name)) is not None:
@@ -153,7 +153,7 @@ class Stored:
         return cls(folder, dataclasses.replace(cloud, points_m=none, station=cloud.station[:0], label=None))
 
     def cloud(self) -> Cloud:
-        """The cloud, mapped."""
+        """The memory-mapped cloud."""
         arrays: dict[str, Any] = {
             path.stem: np.asarray(np.load(path, mmap_mode="r")) for path in self.folder.glob("*.npy")
         }
@@ -169,7 +169,7 @@ def split(
     number: int,
     note: _Note,
 ) -> tuple[Stored, WorkedOut, NDArray[np.int8], tuple[str, ...], View]:
-    """Register a cloud, once, and split it: as registered, what was worked out, labels, notes, the view of a number."""
+    """Register (once) and split a cloud; returns the registered cloud, results, labels, notes, and numbered view."""
     cloud = _cloud(stored, note)
     worked, label, notes = work_out(cloud, note, near_m, hint, bootstrap, inspection)
     note("showing the rock")
@@ -198,7 +198,7 @@ def draw(worked: WorkedOut, note: _Note) -> tuple[Scene, WorkedOut]:
 
 
 def look_around(stored: Stored, _: _Note) -> list[dict[str, Any]]:
-    """What stands in a cloud."""
+    """Rocks in a cloud."""
     points = stored.cloud().points_m
     return [
         {"top_m": each.top_m.tolist(), "height_m": each.height_m}

@@ -1,4 +1,4 @@
-"""What a page says of a scan, checked value by value as it may come from anywhere, and what it is shown."""
+"""Validation of a page's hints, which are untrusted, and the data that the page displays."""
 
 import dataclasses
 import sys
@@ -24,9 +24,9 @@ from toppling.models.scan.view import SAMPLED_POINTS, SHOWN_POINTS, around, shad
 from toppling.models.scan.worked_out import WorkedOut
 
 _MOST_PLACES = 1000
-"""Of a kind."""
+"""Maximum number of places of each kind."""
 _FEWEST_POINTS = 3
-"""Points that make an interface; fewer are a beginning."""
+"""Minimum number of points that define an interface."""
 
 _Place = tuple[float, ...]
 
@@ -60,10 +60,7 @@ class UserHints:
 
     @classmethod
     def of(cls, content: Any) -> "UserHints":
-        """Hints from a page's JSON.
-
-        Raises InputError if a name is none of a hint, or a value is no list of finite numbers of its length.
-        """
+        """Hints from a page's JSON; InputError for unknown names, or values of a wrong type or length."""
         if not isinstance(content, Mapping):
             raise _unusable("hint.value_unusable", f"{shown(content)} is no table of hints", "the page")
         values: dict[str, Any] = {}
@@ -88,38 +85,38 @@ class UserHints:
 
     @property
     def of_the_cloud(self) -> "UserHints":
-        """What changes the coordinates of the cloud."""
+        """Hints that change the coordinates of the cloud."""
         return UserHints(self.units, self.up, self.length)
 
     @property
     def of_the_split(self) -> "UserHints":
-        """What changes the rock and its interface, and not the base alone."""
+        """Hints that change the rock and its interface, and not only the base."""
         points = self.point if len(self.point) >= _FEWEST_POINTS else ()
         return dataclasses.replace(
             self.of_the_cloud, near=self.near, plane=self.plane, point=points, outline=self.outline
         )
 
     def hints(self) -> Hints:
-        """The same for those who read and write hints; points that make no interface yet are left out."""
+        """Hints as a dictionary for reading and writing, without points that are too few for an interface."""
         return cast(Hints, dataclasses.asdict(self) | {"point": self.of_the_split.point})
 
     def hint(self) -> InterfaceHint | None:
-        """The interface that is meant; none yet while points are too few."""
+        """Hint on the interface; None while there are too few points."""
         return hint_of(self.plane, self.of_the_split.point, self.outline)
 
     def inspection(self) -> Inspection:
-        """What is known of the base."""
+        """Hints on the base."""
         pulls = [(pull[0], pull[1]) for pull in self.pull]
         return inspection_of(None, pulls, self.touch, self.daylight, self.base, self.touch_only)
 
 
 _ONE = {"near": 2, "plane": 5}
 _MANY = {"point": 3, "outline": 3, "touch": 3, "daylight": 3, "pull": 2}
-"""Numbers in each, by name."""
+"""Number of coordinates of each place or value, by the hint's name."""
 
 
 _WORDS = {"units": tuple(METRES), "up": (), "base": KINDS}
-"""What each word may be; of the upward axis its reader decides."""
+"""Allowed words of each hint; the upward axis is checked by its parser."""
 _LONGEST_WORD = 100
 
 
@@ -139,36 +136,36 @@ def _length(value: Any) -> tuple[_Place, _Place, float]:
 
 
 def numbers(value: Any, count: int, name: str) -> _Place:
-    """So many finite numbers of a list; InputError if it holds others."""
+    """Parse a list of `count` finite numbers; InputError for anything else."""
     good = isinstance(value, list) and len(value) == count
-    # NaN compares as false, and a whole number of any length compares without becoming a float.
+    # NaN compares as false, and huge integers compare without conversion to float.
     if not good or not all(type(each) in (int, float) and abs(each) <= sys.float_info.max for each in value):
         raise _unusable("hint.value_unusable", f"{name} is {shown(value)}", "the page")
     return tuple(float(each) for each in value)
 
 
 _AROUND_HEIGHTS = 0.4
-"""How far around a rock its cloud is shown finer, in its heights."""
+"""Distance around a rock within which its cloud is shown more finely, in heights of the rock."""
 _SAME_TOP_PER_HEIGHT = 0.05
-"""What has its top so near to the rock's is a part of it."""
+"""Distance between tops, in heights of the rock, below which a candidate is the rock itself."""
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """Points that a page draws: first those of the whole cloud, then the finer ones around the rock."""
+    """Points that a page draws: first those of the whole cloud, then finer ones around the rock."""
 
-    number: int  # another one where anything of it is another
-    counts: tuple[int, int]  # of the whole and of the finer ones
+    number: int  # changes with the content
+    counts: tuple[int, int]  # numbers of coarse and of fine points
     spacings_m: tuple[float, float]
-    content: bytes  # as `_drawn` packs them
+    content: bytes  # packed by `_drawn`
 
 
 def view_of(points_m: Array, label: NDArray[np.int8] | None, number: int) -> View:
-    """Choose the points that are drawn.
+    """Select the points to draw.
 
     points_m: (n, 3).
-    label: (n,), 0 rock, 1 pedestal, 2 neither; 2 for all where it is not known yet.
-    number: of the view.
+    label: (n,), 0 rock, 1 pedestal, 2 neither; None (2 for all) before the split.
+    number: number of the view.
     """
     whole, fine = thinned(points_m, SHOWN_POINTS if label is None else SHOWN_POINTS // 3), None
     rows, finer = whole.rows, np.zeros(0, np.intp)
@@ -190,7 +187,7 @@ def view_of(points_m: Array, label: NDArray[np.int8] | None, number: int) -> Vie
 
 
 def _drawn(points_m: Array, parts: list[Indices], label: NDArray[np.int8] | None) -> bytes:
-    """Places (n, 3) of some rows as 4-byte floats, then the brightness and the label of each as a byte."""
+    """Pack selected points (n, 3) as 4-byte floats, followed by a byte for brightness and one for the label of each."""
     rows = np.concatenate(parts)
     kind = np.full(len(rows), NEITHER, np.int8) if label is None else label[rows]
     bright = [
@@ -203,13 +200,13 @@ def _drawn(points_m: Array, parts: list[Indices], label: NDArray[np.int8] | None
 def detail(
     points_m: Array, label: NDArray[np.int8] | None, middle_m: Array, reach_m: float
 ) -> tuple[float, bytes]:
-    """Spacing and points of a cube about a place (3,), as many as the whole cloud's, as `_drawn`."""
+    """Spacing and packed points of a cube about a place (3,), as many as of the whole cloud."""
     near = thinned(points_m, SHOWN_POINTS // 2, around(points_m, middle_m, reach_m))
     return near.spacing_m, _drawn(points_m, [near.rows], label)
 
 
 def answer_shown(survey: Survey | None, worked: WorkedOut) -> dict[str, Any]:
-    """What came of hints, in the cloud's frame; `survey` is none while the hidden base is not drawn."""
+    """Results of hints in the cloud's frame; `survey` is None while the hidden base is not drawn."""
     rock, plane = worked.closed.rock, worked.interface
     pedestal = worked.pedestal
     report = worked.report if survey is None else survey.scene.report
@@ -230,13 +227,13 @@ def answer_shown(survey: Survey | None, worked: WorkedOut) -> dict[str, Any]:
 
 
 def _top(worked: WorkedOut) -> Array:
-    """The rock's highest patch."""
+    """Highest patch of the rock."""
     patches = worked.observed.surfels.points_m[worked.observed.patches]
     return patches[np.argmax(patches[:, 2])]
 
 
 def tops(worked: WorkedOut) -> list[dict[str, Any]]:
-    """What stands in the cloud as its segmentation has found it, the chosen rock first, in the cloud's frame."""
+    """Rocks found by the segmentation, the selected one first, in the cloud's frame."""
     top, height = _top(worked), worked.observed.height_m
     own = {"top_m": top.tolist(), "height_m": height}
     others = worked.report["segmentation"]["other_candidates"]

@@ -1,4 +1,4 @@
-"""From the options of `toppling scan --pick` to a page that can be opened."""
+"""Creation of the server for `toppling scan --pick` from the command's options."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -20,7 +20,7 @@ from toppling.orchestrator.pick.server import PickServer
 from toppling.orchestrator.public import making
 
 _OF_THE_PAGE = ("units", "up", "length")
-"""What the page itself says of the files; the rest stays as the command was told."""
+"""Hints on files that the page can change; others keep the command's values."""
 
 
 def pick_server(
@@ -30,9 +30,9 @@ def pick_server(
     saved: Callable[[making.Scanned], None],
     port: int = 0,
 ) -> PickServer:
-    """Read clouds and make the server of their page.
+    """Read clouds and create the server of their page.
 
-    out: folder that the page's scene is saved to; must not exist.
+    out: folder for the page's scene; must not exist.
     given: other options of the scan, by name.
     saved: called with each scene that is saved.
     Raises InputError if a file cannot be read, or an option cannot be used, FileExistsError if the folder exists.
@@ -69,7 +69,7 @@ def pick_server(
     try:
         placed = read(said)
     except InputError:
-        # A model that lies on its side, or in another unit, is shown as it is, so that the page can place it.
+        # A model with another up axis or unit is shown unchanged, so that the page can place it.
         as_it_is = Placement(says_up=True, says_scale=True)
         placed = Placed(read_clouds(files, None, as_it_is), as_it_is, refused=True)
     return PickServer(Picking(placed, read, given["bootstrap"], write, str(out), said), port)
@@ -82,12 +82,12 @@ def again_server(
     saved: Callable[[making.Scanned], None],
     port: int = 0,
 ) -> PickServer:
-    """Make the server of a page that opens on what a scan has kept, for hints on the base.
+    """Create the server of a page for hints on the base, from the stored results of a scan.
 
     scene: folder of a scanned scene, which the page's scene replaces unless it has a new folder, `out`.
-    given, saved, port: as of :func:`pick_server`.
-    Raises InputError if the folder keeps nothing of a scan, or an option cannot be used; FileExistsError if there is an
-    `out`.
+    given, saved, port: see :func:`pick_server`.
+    Raises InputError if the folder contains no results of a scan, or an option is invalid; FileExistsError if `out`
+    exists.
     """
     if out is not None:
         refuse_existing(out)
@@ -96,7 +96,7 @@ def again_server(
     kept = before.with_hints(looked)
     said = UserHints.of(making.said_of_base(kept.inspection))
     cloud, label = kept.cloud()
-    # What the folder has is what these hints gave, unless others are given beside it.
+    # The folder's results belong to its hints, unless further hints are given.
     nothing_new = looked.says_nothing and not looked.touch_only
     survey = Survey(Scene.load(scene), label, (), before) if nothing_new else None
     mine = False

@@ -1,4 +1,4 @@
-"""A scan that follows its hints: the latest are worked out in a thread; what came of them can be asked and saved."""
+"""Interactive scan: a thread computes the results of the latest hints, which can be queried and saved."""
 
 import contextlib
 import dataclasses
@@ -31,12 +31,12 @@ _Write = Callable[[Survey, UserHints], None]
 
 
 class _SupersededError(Exception):
-    """Newer hints wait."""
+    """Newer hints are waiting."""
 
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What came of hints."""
+    """Results of hints."""
 
     said: UserHints
     worked: WorkedOut
@@ -47,11 +47,11 @@ class Answer:
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """A cloud, and how its coordinates came from those of its files."""
+    """A cloud, and the transformation from its files' coordinates."""
 
     cloud: Cloud
     placement: Placement
-    refused: bool = False  # whether it is shown only, as it lies on its side or in another unit
+    refused: bool = False  # whether it is only displayed, because of another up axis or unit
 
     @property
     def _metres_per_unit(self) -> Array:
@@ -59,24 +59,24 @@ class Placed:
         return np.array([across, across, up])
 
     def model(self, places_m: Array) -> Array:
-        """Coordinates (n, 3) in the files of places in metres."""
+        """Convert places in metres to the files' coordinates (n, 3)."""
         return self.placement.undo(places_m) / self._metres_per_unit
 
     def metres(self, places: Array) -> Array:
-        """Metres (n, 3) of places in the files' coordinates."""
+        """Convert places in the files' coordinates to metres (n, 3)."""
         return self.placement.apply(places * self._metres_per_unit)
 
 
 class Picking:
-    """A cloud, the hints on it, and what they give.
+    """A cloud with hints and their results.
 
-    placed: what is shown at first.
-    read: reads the clouds as hints place them.
-    bootstrap: half samples for the uncertainty.
-    write: writes a survey with the hints that it was given.
-    target: where to, for the user.
-    said: hints from the start.
-    kept: what came of these hints before: then the cloud is what was kept of it, and is not split again.
+    placed: cloud shown at first.
+    read: reads the clouds as placed by hints.
+    bootstrap: number of half samples for the uncertainty.
+    write: writes a survey with its hints.
+    target: output folder, for display.
+    said: initial hints.
+    kept: stored results of the initial hints, whose reduced cloud is not split again.
     """
 
     def __init__(
@@ -103,16 +103,16 @@ class Picking:
         self._wanted, self._working, self._done = 1, 0, 0
         self._saving, self._saved, self._ended = False, 0, False
         self._kept, self._answer = kept, kept
-        self._drawn: dict[UserHints, Answer] = {}  # of one split, for who takes a hint back
+        self._drawn: dict[UserHints, Answer] = {}  # results of the current split, for undoing hints
         if kept is not None and kept.survey is not None:
             self._drawn[said] = kept
         self._candidates: list[dict[str, Any]] | None = None if kept is None else tops(kept.worked)
         self.view = view_of(placed.cloud.points_m, None if kept is None else kept.label, 0)
 
-    # What a page asks and says, from any thread.
+    # Requests of a page, from any thread.
 
     def say(self, said: UserHints) -> None:
-        """Take other hints, in place of all former ones."""
+        """Replace all hints."""
         self._set(_said=said, _wanted=self._wanted + 1, _error=None)
 
     def save(self) -> None:
@@ -125,19 +125,19 @@ class Picking:
         self._apart.end()
 
     def pick(self, at_m: Array, eye_m: Array) -> dict[str, list[float]]:
-        """The point that is meant by a place (3,) on a click's ray and the eye (3,): as surveyed, and in its file."""
+        """Point picked by a ray from the eye (3,) through a place (3,): survey coordinates, and those of its file."""
         cloud = self._known
         row = picked(cloud.points_m, at_m, eye_m, min(self.view.spacings_m))
         place = np.round(cloud.points_m[row] + cloud.origin_m, 4)
         return {"place_m": place.tolist(), "model": self._placed.model(place[None])[0].tolist()}
 
     def detail(self, middle_m: Array, reach_m: float) -> tuple[float, bytes]:
-        """Spacing and points of a cube about a place (3,) of the cloud's frame, as a page draws them."""
+        """Spacing and packed points of a cube about a place (3,) of the cloud's frame, for drawing."""
         answer = self._answer
         return detail(self._known.points_m, None if answer is None else answer.label, middle_m, reach_m)
 
     def state(self) -> dict[str, Any]:
-        """Everything but the points, in plain values."""
+        """State without the points, for JSON."""
         with self._changed:
             answer, view, cloud, length = self._answer, self.view, self._known, self._said.length
             state: dict[str, Any] = {
@@ -164,14 +164,14 @@ class Picking:
         return state
 
     def wait(self, number: int, seconds: float) -> None:
-        """Return once the state is another than that of a number, or after some time."""
+        """Wait until the state differs from that of a number, or for some time."""
         with self._changed:
             self._changed.wait_for(lambda: self._number != number or self._ended, seconds)
 
-    # What is done in a thread of its own.
+    # Work in a separate thread.
 
     def work(self) -> None:
-        """Follow the hints until the end."""
+        """Compute the results of hints until the end."""
         with self._folder:
             while True:
                 with self._changed:
@@ -185,19 +185,19 @@ class Picking:
                     error = None
                 except (_SupersededError, EndedError):
                     continue
-                except Exception as failed:  # whatever it is, the page tells it and goes on
+                except Exception as failed:  # any error is shown by the page, which continues
                     error = _plain(failed)
                 saving = self._saving and stale and error is None
                 self._set(_done=self._working, _stage="", _saving=saving, _error=error)
-                if self._candidates is None:  # what stands in the cloud, where the scan could not say it
+                if self._candidates is None:  # rocks in the cloud, if the scan failed to find them
                     with contextlib.suppress(EndedError):
                         found = self._apart.do(lambda _: None, apart.look_around, self._cloud_apart())
                         self._set(_candidates=found)
 
     def _follow(self, said: UserHints) -> None:
-        """Work hints out, as far as they change what is known."""
+        """Compute the results of hints, as far as they change."""
         inspection = said.inspection()
-        said.hint()  # what is no interface is refused before anything is done
+        said.hint()  # an invalid interface is refused first
         if self._placed_by != said.of_the_cloud:
             self._place(said)
         answer = self._answer
@@ -211,7 +211,7 @@ class Picking:
         self._set(_answer=self._drawn[said])
 
     def _split(self, said: UserHints) -> Answer:
-        """Split the cloud by hints, and show it."""
+        """Split the cloud by hints, and update the view."""
         if self._kept is not None:
             raise InputError(
                 "pick.needs_clouds",
@@ -232,7 +232,7 @@ class Picking:
         return answer
 
     def _cloud_apart(self) -> apart.Stored:
-        """The cloud where the other process finds it."""
+        """Cloud stored for the other process."""
         if self._stored is None:
             folder = Path(self._folder.name) / str(self.view.number)
             self._stored = apart.Stored.of(self._placed.cloud, folder)
@@ -240,7 +240,7 @@ class Picking:
         return self._stored
 
     def _place(self, said: UserHints) -> None:
-        """Read the clouds as they are said to lie; nothing that was known of them holds any more."""
+        """Read the clouds with new placement hints; all former results become invalid."""
         self._note("reading")
         placed = self._read(said)
         self._drawn.clear()
@@ -273,7 +273,7 @@ class Picking:
         return self._placed.cloud
 
     def _note(self, stage: str) -> None:
-        """Tell the stage, or stop where newer hints wait."""
+        """Report the stage, or stop if newer hints are waiting."""
         if self._ended or self._working != self._wanted:
             raise _SupersededError
         self._set(_stage=stage)
@@ -287,7 +287,7 @@ class Picking:
 
 
 def _plain(failed: Exception) -> dict[str, str]:
-    """An error as the page shows it; of one that nobody foresaw, the terminal has the place."""
+    """Error for the page; the traceback of an unexpected error is printed to the terminal."""
     names = ("what", "where", "expected", "remedy")
     if isinstance(failed, InputError):
         return {name: getattr(failed, name) for name in names}

@@ -1,4 +1,4 @@
-"""The page of `toppling scan --pick`, for one browser: its own files, the cloud, and what is said of it."""
+"""Server of the page of `toppling scan --pick`: its files, the cloud, and hints."""
 
 import json
 import struct
@@ -16,10 +16,10 @@ from toppling.orchestrator.pick.page import UserHints, numbers
 from toppling.orchestrator.pick.picking import Picking
 
 LARGEST_BODY = 1 << 18
-"""Bytes; hints of a thousand places take a fifth."""
+"""Largest request, bytes: hints of a thousand places take a fifth."""
 _LONGEST_STAGE_S = 60.0
 _POLL_S = 20.0
-"""An answer to who asks for news comes after this time at the latest."""
+"""Maximum time before a request for a new state is answered, s."""
 _SCRIPT, _STYLE, _BYTES, _JSON = "text/javascript", "text/css", "application/octet-stream", "application/json"
 FILES = {
     "": ("pick/page.html", HTML),
@@ -30,15 +30,12 @@ FILES = {
     "plot.js": ("pick/plot.js", _SCRIPT),
     "three.js": ("vendor/three.min.js", _SCRIPT),
 }
-"""All that is served of files: by address, name in `results/drawing` and type."""
+"""Served files, by path of the request: name in `results/drawing`, and content type."""
 _POLICY = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; base-uri 'none'"
 
 
 class PickServer(Loopback):
-    """The server of one scan.
-
-    port: 0 for any that is free.
-    """
+    """Server for one scan; port 0 for any free port."""
 
     def __init__(self, picking: Picking, port: int = 0) -> None:
         self.picking = picking
@@ -49,24 +46,24 @@ class PickServer(Loopback):
         self._worker.start()
 
     def end(self) -> None:
-        """Stop answering and working, from any thread."""
+        """Stop the server and the computation, from any thread."""
         self.picking.end()
         threading.Thread(target=self.shutdown, daemon=True).start()
 
     def server_close(self) -> None:
-        """Close once nothing is being worked out: native code does not bear the end of its interpreter."""
+        """Close after the computation has stopped: native code must not run while the interpreter exits."""
         self.picking.end()
         super().server_close()
         self._worker.join(_LONGEST_STAGE_S)
 
 
 class _Answers(Answers):
-    """Answers to GET with what is shown, to POST of JSON with what came of it."""
+    """Handler of GET requests for displayed data, and POST requests with JSON."""
 
     server: PickServer
 
     def do_GET(self) -> None:  # noqa: N802  (the library's name)
-        """Answer with a file of the page, the state once it is another, or the points that are drawn."""
+        """Answer with a file of the page, the state once it has changed, or the points to draw."""
         asked, picking = self.asked(), self.server.picking
         kind, _, number = (asked or "").partition("/")
         if asked is None:
@@ -83,7 +80,7 @@ class _Answers(Answers):
             self.refuse()
 
     def do_POST(self) -> None:  # noqa: N802  (the library's name)
-        """Take hints, say what a click means, save, or end."""
+        """Set hints, resolve a click, save, or end."""
         asked = self.asked()
         if asked not in ("hints", "pick", "detail", "save", "end"):
             self.refuse()
@@ -113,7 +110,7 @@ class _Answers(Answers):
         return {}
 
     def _content(self) -> Any:
-        """JSON that was sent."""
+        """JSON of the request."""
         length = self.headers.get("Content-Length", "")
         if self.headers.get("Content-Type") != _JSON or not (length.isascii() and length.isdigit()):
             raise _refused("is no JSON of a stated length")
@@ -130,7 +127,7 @@ class _Answers(Answers):
 
 
 def _place(content: Any, name: str) -> Array:
-    """Three coordinates of a table."""
+    """Three coordinates from a JSON object."""
     return np.array(numbers(content.get(name) if isinstance(content, dict) else None, 3, name))
 
 

@@ -152,7 +152,7 @@ def constrain(
     measure : str or None
         A column of the results, or pga_m_s2+pgv_m_s, both together; unless given that of the hazard, or pgv_m_s.
     confidence : float
-        Confidence of all bounds; a branch is rejected if its survival is below 1 - confidence.
+        Confidence of all bounds; a branch is inconsistent if its survival is below 1 - confidence.
     dates, events, trusted, sites, advance
         More about ages and events; the condition may read files; the hazard's sites; called after each sample.
     ratio : float

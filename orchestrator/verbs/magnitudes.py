@@ -33,6 +33,8 @@ from toppling.results.hazard.faults import FaultTrace, read_faults
 from toppling.results.hazard.gmm import MEASURES, MECHANISMS, MODELS, GroundMotionModel
 from toppling.results.hazard.places import check_place
 
+_STATED_CHANGE = 5e-4
+"""Smallest change of a probability that is reported."""
 _DISTANCES_TOLD_KM = (1, 2, 5, 10, 20, 50, 100)
 
 
@@ -54,6 +56,22 @@ _DISTANCES_TOLD_KM = (1, 2, 5, 10, 20, 50, 100)
 @option(
     "--depth-top", "depth_top_km", type=click.FloatRange(0, 30), default=0.0, help="km, of its upper edge."
 )
+@option(
+    "--vs30-source", type=click.Choice(("measured", "inferred")), default="measured",
+    help="Where Vs30 is from, which changes sigma (ask14, cy14).",
+)  # fmt: skip
+@option(
+    "--hypocentre", "hypocentre_km", type=click.FloatRange(0, 20),
+    help="km; depth (cb14); the model's own estimate unless given.",
+)  # fmt: skip
+@option(
+    "--basin", "depth_1_0_km", type=click.FloatRange(0, 3),
+    help="km; depth to a shear-wave velocity of 1 km/s at the rock; the model's own estimate unless given.",
+)  # fmt: skip
+@option(
+    "--site-term", type=click.FloatRange(0, 0.6), default=0.4,
+    help="Standard deviation (ln) of the site's own term, a part of the models' sigma that all earthquakes share.",
+)  # fmt: skip
 @option("--measure", type=click.Choice(list(MEASURES)), default="pgv_m_s", help="Of the fragility.")
 @option(
     "--confidence", type=click.FloatRange(0.5, 1, max_open=True), default=0.95,
@@ -89,6 +107,7 @@ def magnitudes(
     rock: Path,
     models: tuple[str, ...],
     measure: str,
+    site_term: float,
     confidence: float,
     events: tuple[int, ...],
     recurrence: tuple[float, ...],
@@ -106,8 +125,8 @@ def magnitudes(
 
     It prints the largest magnitude at each distance, and the least distance. ROCK is a run, or a file of fragility
     curves. An earthquake is excluded where a ground-motion model says that it, or so many like it, would have toppled
-    the rock with the probability --confidence. Distance is that to the surface above the fault's upper edge, on its
-    footwall. Needs the extra 'gmm' (pip install 'toppling[gmm]').
+    the rock with the probability --confidence. All of them share the site's own term. Distance is that to the surface
+    above the fault's upper edge, on its footwall. Needs the extra 'gmm' (pip install 'toppling[gmm]').
 
     \b
     toppling magnitudes runs/first --vs30 760 --events 1 --events 5
@@ -123,22 +142,23 @@ def magnitudes(
     jobs = read_jobs(rock, where, trusted, None) if rock.is_dir() else None
     with bar("bootstrap of records", SAMPLES if jobs else 0) as advance:
         standing = standing_rock(names_of((rock,))[0], rock, measure, jobs, advance)
-    grid = exclusion.motion_grid(grid_of, weights)
+    grid = exclusion.motion_grid(grid_of, weights, site_term)
     at_traces = (
-        exclusion.motion_grid(grid_of, weights, [trace.distance_km for trace in traces]) if traces else None
-    )
+        exclusion.motion_grid(grid_of, weights, site_term, [trace.distance_km for trace in traces])
+        if traces else None
+    )  # fmt: skip
     occurrences = [exclusion.one_event(confidence, count) for count in dict.fromkeys(events)]
     occurrences += [exclusion.recurring(confidence, years, every) for every in dict.fromkeys(recurrence)]
-    answer = _Answer(standing, grid, at_traces, occurrences, traces)
+    answer = _Answer(standing, grid, at_traces, occurrences, traces, exclusion.reference_grid(grid_of, grid))
     statement = answer.statement() | {
         "models": [{"name": name, "weight": weight} for name, weight in zip(names, grid.weights.tolist(), strict=True)],
-        **asked, "confidence": confidence,
+        **asked, "site_term": site_term, "effects": exclusion.effects(grid_of, grid), "confidence": confidence,
         "age": age_given(age or ""), "age_years": float(years.mean()) if age else None,
         "without_site_term": [one.name for one in grid_of if not one.has_site_term],
     }  # fmt: skip
     shares = None
     if taken_apart:
-        shares = exclusion.excluded_bins(taken_apart.bins, grid_of, weights, standing.curve, occurrences)
+        shares = exclusion.excluded_bins(taken_apart.bins, grid_of, grid, standing.curve, occurrences)
         statement["deaggregation"] = {"of": taken_apart.of, "bins": shares.to_dict("records")}
     _tell(answer, statement, shares, out, as_json)
 
@@ -207,6 +227,7 @@ class _Answer:
     at_traces: exclusion.MotionGrid | None
     occurrences: Sequence[exclusion.Occurrence]
     traces: Sequence[FaultTrace]
+    reference: exclusion.MotionGrid
 
     @cached_property
     def tables(self) -> dict[str, tuple[pd.DataFrame, pd.DataFrame]]:
@@ -241,17 +262,24 @@ class _Answer:
         """Probability that an earthquake of the fault's stated magnitude topples the rock."""
         if trace.magnitude is None or self.at_traces is None:
             return None
-        shares = self.at_traces.weights @ exclusion.toppling_probability(
-            self.rock.curve, self.at_traces.mean[:, :, number], self.at_traces.sigma[:, :, number]
+        there = replace(
+            self.at_traces, mean=self.at_traces.mean[..., number], sigma=self.at_traces.sigma[..., number]
         )
-        return float(np.interp(trace.magnitude, self.at_traces.magnitude, shares))
+        single = exclusion.toppled(there, self.rock.curve, exclusion.one_event(0.5))
+        return float(np.interp(trace.magnitude, self.at_traces.magnitude, single))
+
+    def _at_reference(self, one: exclusion.Occurrence) -> dict[str, float]:
+        """Probability of toppling at the reference, and what it would be with a site term drawn in each earthquake."""
+        anew = replace(self.reference, site_term=0.0)
+        found = (exclusion.toppled(grid, self.rock.curve, one) for grid in (self.reference, anew))
+        return dict(zip(("topples", "topples_ergodic"), (float(each[0]) for each in found), strict=True))
 
     def statement(self) -> dict[str, Any]:
         """Statement for JSON; null where nothing, or everything, is excluded."""
         tables = self.tables
         stated = [
             {
-                "occurrence": one.name, "probability": one.probability,
+                "occurrence": one.name, **self._at_reference(one),
                 "largest_magnitudes": _rows(tables[one.name][0]), "least_distances": _rows(tables[one.name][1]),
                 "excludes_nothing": bool((exclusion.excess(self.grid, self.rock.curve, one) < 0).all()),
             }
@@ -311,19 +339,30 @@ def _words(statement: dict[str, Any]) -> str:
         f"models: {models}; "
         f"Vs30 {statement['vs30_m_s']:g} m/s"
     ]
+    at = "at magnitude {:g} and {:g} km".format(*exclusion.REFERENCE)
     for one in statement["occurrences"]:
         lines.append(f"{one['occurrence'].capitalize()}, at {100 * statement['confidence']:g} %:")
         if one["excludes_nothing"]:
             most, near = statement["magnitude_range"][1], statement["distance_range_km"][0]
             lines.append(f"  nothing is excluded, not even magnitude {most:g} at {near:g} km")
-            continue
-        lines += [f"  {line}" for line in _distance_lines(one)]
+        else:
+            lines += [f"  {line}" for line in _distance_lines(one)]
+        if one["topples_ergodic"] - one["topples"] > _STATED_CHANGE:
+            lines.append(
+                f"  {at} it topples with {one['topples']:.3f}; were the site's own term drawn anew in each "
+                f"earthquake, with {one['topples_ergodic']:.3f}"
+            )
     lines += map(_fault_line, statement["faults"])
     if statement["ratio"] == 1.0:
         lines.append(
             "The models' component (RotD50) is taken as the peak of the horizontal vector; give --ratio, about 1.2, to "
             "set it right."
         )
+    lines += [
+        f"With {one['option']} {one['value']} instead of {one['instead_of']}, {at}: median times "
+        f"{one['median_factor']:.3f}, sigma {one['sigma']:.3f} instead of {one['sigma_before']:.3f}."
+        for one in statement["effects"]
+    ]
     if statement["without_site_term"]:
         lines.append(
             f"{', '.join(statement['without_site_term'])}: for hard rock, without a site term; --vs30 is not used."

@@ -1,4 +1,4 @@
-"""Constraint on hazard by rocks that still stand: survival probabilities and rejected hazard branches."""
+"""Constraint on hazard by rocks that still stand: survival probabilities and inconsistent hazard branches."""
 
 import math
 from collections.abc import Sequence
@@ -17,8 +17,8 @@ from toppling.results.hazard.places import distance_km
 from toppling.results.hazard.survival import (
     RandomRock,
     drawn_together,
+    inconsistent_rate,
     random_rock,
-    rejected_rate,
     together,
     unexceeded,
 )
@@ -37,7 +37,7 @@ class Constraint:
 
     @cached_property
     def bound(self) -> pd.DataFrame | None:
-        """Annual rates rejected independently of any hazard model; None without ages."""
+        """Annual rates inconsistent independently of any hazard model; None without ages."""
         if self.exposure is None:
             return None
         return _bound_table(self.rocks, self.exposure, self.confidence)
@@ -50,8 +50,8 @@ class Constraint:
     @property
     def tables(self) -> dict[str, pd.DataFrame]:
         """Non-empty tables by name."""
-        rejected = {} if self.bound is None else {"rejected": self.bound}
-        return rejected | (self.update.tables if self.update else {})
+        rates = {} if self.bound is None else {"rates": self.bound}
+        return rates | (self.update.tables if self.update else {})
 
     def summary(self, ratio: float = 1.0, asked: tuple[float, float] | None = None) -> dict[str, Any]:
         """All results for JSON: SI units, None where a number is unknown or unbounded."""
@@ -94,23 +94,23 @@ def _hazard(tree: HazardTree) -> dict[str, Any]:
 
 
 def _bound_table(rocks: Sequence[Standing], exposure: Exposure, confidence: float) -> pd.DataFrame:
-    """Annual rate of exceedance above which each intensity is rejected, for intensities that may topple a rock.
+    """Annual rate of exceedance above which each intensity is inconsistent, for intensities that may topple a rock.
 
     Returns DataFrame: the measure's column, topples (probability that an event topples any rock),
-    rejected_annual_rate and its inverse rejected_return_years: shorter return periods are rejected.
+    inconsistent_annual_rate and its inverse inconsistent_return_years: shorter return periods are inconsistent.
     """
     curves = [rock.curve for rock in rocks]
     low, high = (
         extreme(curve.intensity(tail) for curve in curves) for extreme, tail in ((min, 0.01), (max, 0.999))
     )
     intensity = np.geomspace(low, high * 1.001, 60)
-    rate = rejected_rate(rocks, intensity, exposure, confidence)
+    rate = inconsistent_rate(rocks, intensity, exposure, confidence)
     return pd.DataFrame(
         {
             curves[0].measure: intensity,
             "topples": together(curves, intensity),
-            "rejected_annual_rate": rate,
-            "rejected_return_years": 1.0 / rate,
+            "inconsistent_annual_rate": rate,
+            "inconsistent_return_years": 1.0 / rate,
         }
     )
 

@@ -45,7 +45,7 @@ def answer(statement: dict[str, Any]) -> list[str]:
     alive, counts = [branch["survival"] for branch in statement["branches"]], statement["decided"]
     several, at = len(alive) > 1, f"at {100 * statement['confidence']:g} %"
     standing = "the standing rock" if len(statement["rocks"]) == 1 else "the standing rocks"
-    gone = counts["branches_rejected"]
+    gone = counts["branches_inconsistent"]
     if not several:
         verdict = "inconsistent" if gone else "consistent"
         first = f"The hazard is {verdict} with {standing} {at}: survival is {_percent(alive[0])}."
@@ -55,7 +55,7 @@ def answer(statement: dict[str, Any]) -> list[str]:
         first = f"All {gone} branches of the hazard are inconsistent with {standing} {at}: survival is at most {most}."
         return [first, _allowed(statement)]
     lines = [line for line in (*_falls(statement), _allowed(statement)) if line]
-    weight = f", with {_percent(counts['weight_rejected'])} of the prior weight" if gone else ""
+    weight = f", with {_percent(counts['weight_inconsistent'])} of the prior weight" if gone else ""
     return [
         *lines,
         f"Survival under the {len(alive)} branches is {_percent(counts['survival_mean_of_branches'])} on average, "
@@ -156,13 +156,18 @@ def all_words(statement: dict[str, Any]) -> str:
             "The hazard is taken to be for the peak of the horizontal vector (SA: the largest of all azimuths)"
             f"{stated}; give --ratio if it is for another component."
         )
+    if "branches" in statement:
+        lines.append(
+            "If the hazard is ergodic, each of its earthquakes has another site term, although the rock's site has "
+            "one: survival is then understated. Branches of site terms, with single-station sigma, are exact."
+        )
     lines += [*statement.get("hazard", {}).get("assumed", ()), *_branch_lines(statement)]
     lines += [*_tree_lines(statement), *_event_lines(statement)]
-    for row in statement.get("rejected", ())[9::10]:
+    for row in statement.get("rates", ())[9::10]:
         unit, measure = unit_of(statement["measure"]), short_name(statement["measure"])
         lines.append(
-            f"a {measure} of {row[statement['measure']]:.3g} {unit} or more is rejected at return periods below "
-            f"{row['rejected_return_years']:,.0f} years"
+            f"a {measure} of {row[statement['measure']]:.3g} {unit} or more is inconsistent at return periods below "
+            f"{row['inconsistent_return_years']:,.0f} years"
         )
     return "\n".join([*lines, *(f"Note: {note}." for note in statement.get("notes", ()))])
 
@@ -288,7 +293,7 @@ def _branch_lines(statement: dict[str, Any]) -> list[str]:
     few = len(branches) <= _MOST_NAMED
     lines = []
     for branch in branches if few else [*branches[: _MOST_NAMED - 1], branches[-1]]:
-        verdict = "inconsistent" if branch["rejected"] else "consistent"
+        verdict = "inconsistent" if branch["inconsistent"] else "consistent"
         weights = ""
         if len(branches) > 1 and branch["posterior_weight"] is not None:
             weights = f"; weight {branch['prior_weight']:.3g}, posterior {branch['posterior_weight']:.3g}"

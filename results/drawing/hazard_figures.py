@@ -36,7 +36,7 @@ _MOST_IN_LEGEND = 6
 
 
 def constraint_figure(constraint: Constraint, width_in: float = HALF_WIDTH_IN) -> Figure:
-    """Rates of exceedance rejected by the standing rocks, with the hazard curves and their verdicts in the legend.
+    """Rates of exceedance inconsistent by the standing rocks, with the hazard curves and their verdicts in the legend.
 
     constraint: constraint with ages.
     """
@@ -44,7 +44,7 @@ def constraint_figure(constraint: Constraint, width_in: float = HALF_WIDTH_IN) -
     assert bound is not None
     tree = constraint.update.tree if constraint.update else None
     branches = tree.branches if tree else ()
-    measure, rate = bound.columns[0], bound["rejected_annual_rate"]
+    measure, rate = bound.columns[0], bound["inconsistent_annual_rate"]
     named = len(branches) <= _MOST_IN_LEGEND
     below_in = 0.45 + 0.16 * (1 + (len(branches) if named else 1))
     with style():
@@ -53,14 +53,14 @@ def constraint_figure(constraint: Constraint, width_in: float = HALF_WIDTH_IN) -
         least, top = _rates_shown(bound, [rates for rates in shown if len(rates)])
         axes.fill_between(
             bound[measure], rate, top, color="0.85", lw=0,
-            label=f"rates rejected at {100 * constraint.confidence:g} %, whatever the rest of the curve",
+            label=f"rates inconsistent at {100 * constraint.confidence:g} %, whatever the rest of the curve",
         )  # fmt: skip
         axes.plot(bound[measure], rate, color="k", lw=1)
         if named:
             _draw_named(axes, branches, verdicts, shown)
         elif verdicts is not None:
             weights = verdicts["posterior_weight"].fillna(verdicts["prior_weight"]).to_numpy()
-            label = f"; {int(verdicts['rejected'].sum()) or 'none'} inconsistent"
+            label = f"; {int(verdicts['inconsistent'].sum()) or 'none'} inconsistent"
             _draw_branches(
                 axes, branches, weights, f"{len(branches)} hazard curves, darker with more weight{label}"
             )
@@ -120,7 +120,7 @@ def _draw_named(
 def _verdict(row: pd.Series) -> str:
     survival = row["survival"]
     words = f"{survival:.2f}" if survival >= 0.01 else f"{survival:.0e}" if survival > 1e-99 else "0"
-    return f": survival {words}, {'inconsistent' if row['rejected'] else 'consistent'}"
+    return f": survival {words}, {'inconsistent' if row['inconsistent'] else 'consistent'}"
 
 
 def _within(bound: pd.DataFrame, branch: HazardCurve) -> Array:
@@ -136,10 +136,10 @@ def _rates_shown(bound: pd.DataFrame, drawn: Sequence[Array]) -> tuple[float, fl
     A steep branch may leave the frame a thousand times below the bound, but the part nearest to the bound is always
     inside.
     """
-    rejected = bound["rejected_annual_rate"]
-    least, top = rejected.min() / 10, 3 * rejected.max()
+    inconsistent = bound["inconsistent_annual_rate"]
+    least, top = inconsistent.min() / 10, 3 * inconsistent.max()
     for rates in drawn:
-        least = min(least, rates.max() / 10, max(rates.min() / 2, rejected.min() / 1000))
+        least = min(least, rates.max() / 10, max(rates.min() / 2, inconsistent.min() / 1000))
         top = max(top, 3 * rates.min())
     return float(least), float(top)
 

@@ -65,6 +65,11 @@ class GroundMotionModel:
     # Dip of the fault, and depth of its top edge.
     dip_deg: float = 90.0
     depth_top_km: float = 0.0
+    # Whether Vs30 is measured or inferred, depth of the hypocentre, and depth to a shear-wave velocity of 1 km/s; None
+    # for the model's own estimate.
+    vs30_source: str = "measured"
+    hypocentre_km: float | None = None
+    depth_1_0_km: float | None = None
     # Ratio of the horizontal vector's peak to the model's component (RotD50 for the NGA-West2 models).
     ratio: float = 1.0
 
@@ -142,12 +147,15 @@ class GroundMotionModel:
         wanted = {
             "mag": magnitude, "dist_jb": distance_km, "dist_rup": rupture_km, "dist_x": -distance_km,
             "v_s30": self.vs30_m_s, "mechanism": self.mechanism, "dip": self.dip_deg,
-            "depth_tor": self.depth_top_km,
+            "depth_tor": self.depth_top_km, "vs_source": self.vs30_source, "depth_hyp": self.hypocentre_km,
+            "depth_1_0": self.depth_1_0_km,
         }  # fmt: skip
         known = {one.name for one in self._class.PARAMS}
         with _quiet():
             model = self._class(
-                pygmm.Scenario(**{name: value for name, value in wanted.items() if name in known})
+                pygmm.Scenario(
+                    **{name: value for name, value in wanted.items() if name in known and value is not None}
+                )
             )
             try:
                 return self._read(model)

@@ -3,35 +3,42 @@
 An earthquake of magnitude M at a distance R gives a median motion exp(mu) with a spread sigma, and topples a rock of
 lognormal fragility (median theta, spread beta) with
 
-    P(M, R) = Phi((mu - ln theta) / sqrt(sigma^2 + beta^2)),
+    P(M, R) = Phi((mu - ln theta) / sqrt(sigma^2 + beta^2)).
 
-exactly; for any other fragility, the integral of F over the motion's lognormal. One such earthquake is excluded with
-confidence C where P >= C, n of them where 1 - (1 - P)^n >= C, and a source that repeats it every T years (Poisson) over
-an uncertain age A where E[exp(-P A / T)] <= 1 - C. Models are averaged by their weights: P = sum w P.
+Sigma has a between-event part, a site-to-site part phi_S2S, and a remainder. All earthquakes share the site's own term
+s (standard deviation phi_S2S), so that n of them leave the rock standing with E_s[(1 - P(s))^n], where P(s) has the
+median exp(mu + s) and a spread without phi_S2S; a source that repeats them every T years (Poisson) over an age
+A with E_s,A[exp(-P(s) A / T)]. An earthquake is excluded with confidence C where that is at most 1 - C. Models are
+averaged by their weights after the power.
 """
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtr, ndtri
+from numpy.polynomial.hermite_e import hermegauss
+from numpy.typing import ArrayLike
+from scipy.special import logsumexp, ndtr, ndtri
 
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.motions.deaggregation import Bin
 from toppling.results.analysis.lognormal import Lognormal, ends
 from toppling.results.hazard.gmm import GroundMotionModel
-from toppling.results.hazard.survival import greatest_rate
 
 _MAGNITUDE_STEP = 0.1
 """Step of the grid of magnitudes."""
 _DISTANCES = 40
 """Number of distances of the grid, in equal steps of the logarithm."""
-_QUADRATURE = np.linspace(-8.0, 8.0, 2001)
-"""Nodes in standard deviations of ln(motion) for the integration of fragilities that are not lognormal."""
+_NODES, _NODE_WEIGHTS = hermegauss(24)
+"""Gauss-Hermite quadrature of the site term, in its standard deviations."""
+_PROBABILITIES = np.linspace(0.0, 1.0, 2001)
+"""Toppling probabilities at which survival of a recurring source is tabulated."""
+REFERENCE = 6.5, 10.0
+"""Magnitude and distance (km) at which effects of options are reported."""
 TARGETS = (6.0, 6.5, 7.0, 7.5)
 """Magnitudes for which the smallest allowed distance is reported."""
 
@@ -46,6 +53,7 @@ class MotionGrid:
     mean: Array
     sigma: Array
     weights: Array  # (models,): weights of the models, summing to 1
+    site_term: float = 0.0  # phi_S2S: standard deviation of the site's own term, part of sigma
 
 
 @dataclass(frozen=True)
@@ -53,31 +61,39 @@ class Occurrence:
     """Occurrences of an earthquake while the rock stood."""
 
     name: str  # such as "one event"
-    # Smallest toppling probability of a single earthquake that excludes it; above 1 where none can be excluded.
-    probability: float
+    confidence: float  # probability of toppling at which the earthquake is excluded
+    survival: Callable[
+        [Array], Array
+    ]  # of the rock, given the toppling probability of each of the earthquakes
 
 
-def toppling_probability(
-    fragility: Lognormal | Callable[[NDArray], NDArray], mean: ArrayLike, sigma: ArrayLike
-) -> Array:
+def toppling_probability(fragility: Lognormal, mean: ArrayLike, sigma: ArrayLike) -> Array:
     """Probability that motions topple a rock; `mean` and `sigma` are those of the logarithm of the motion."""
     centre, spread = np.broadcast_arrays(np.asarray(mean, float), np.asarray(sigma, float))
-    if isinstance(fragility, Lognormal):
-        if fragility.median == math.inf:
-            return 0.0 * centre
-        total = np.maximum(np.hypot(spread, fragility.beta), 1e-300)
-        return ndtr((centre - math.log(fragility.median)) / total)
-    share = np.exp(-(_QUADRATURE**2) / 2)
-    motions = np.exp(centre[..., None] + spread[..., None] * _QUADRATURE)
-    return fragility(motions) @ (share / share.sum())
+    if fragility.median == math.inf:
+        return 0.0 * centre
+    total = np.maximum(np.hypot(spread, fragility.beta), 1e-300)
+    return ndtr((centre - math.log(fragility.median)) / total)
+
+
+def toppled(grid: MotionGrid, fragility: Lognormal, occurrence: Occurrence) -> Array:
+    """Probability that the earthquakes topple the rock at least once, (m, r)."""
+    mean = grid.mean[..., None] + grid.site_term * _NODES
+    spread = np.sqrt(np.maximum(grid.sigma**2 - grid.site_term**2, 0.0))[..., None]
+    stands = occurrence.survival(toppling_probability(fragility, mean, spread)) @ (
+        _NODE_WEIGHTS / _NODE_WEIGHTS.sum()
+    )
+    return 1.0 - np.tensordot(grid.weights, stands, axes=1)
 
 
 def motion_grid(
-    models: Sequence[GroundMotionModel], weights: Sequence[float], distances_km: ArrayLike | None = None
-) -> MotionGrid:
+    models: Sequence[GroundMotionModel], weights: Sequence[float], site_term: float = 0.0,
+    distances_km: ArrayLike | None = None,
+) -> MotionGrid:  # fmt: skip
     """Motions of models over the magnitudes and distances that are valid for all of them.
 
     weights: weights of the models, summing to 1.
+    site_term: phi_S2S, in natural logarithms.
     distances_km: distances of the grid instead; those outside the models' range are clipped to it.
     """
     if not (len(weights) == len(models) and min(weights) > 0 and abs(sum(weights) - 1.0) < 1e-3):
@@ -96,28 +112,66 @@ def motion_grid(
     )
     found = [one.motion(magnitude[:, None], distance) for one in models]
     mean, sigma = (np.array([pair[number] for pair in found]) for number in (0, 1))
-    return MotionGrid(magnitude, distance, mean, sigma, np.array(weights) / sum(weights))
+    if site_term > (least_sigma := sigma.min()):
+        raise InputError(
+            "model.site_term_too_large",
+            what=f"a site term of {site_term:g} in a sigma of {least_sigma:.2g}",
+            where="--site-term",
+            expected="a part of the models' sigma",
+            remedy="give less, or leave it out",
+        )
+    return MotionGrid(magnitude, distance, mean, sigma, np.array(weights) / sum(weights), site_term)
+
+
+def reference_grid(models: Sequence[GroundMotionModel], grid: MotionGrid) -> MotionGrid:
+    """Motions at `REFERENCE` with the weights and site term of a grid."""
+    mean, sigma = np.swapaxes([one.motion([REFERENCE[0]], [REFERENCE[1]]) for one in models], 0, 1)
+    return replace(grid, mean=mean, sigma=sigma)
+
+
+def effects(models: Sequence[GroundMotionModel], grid: MotionGrid) -> list[dict[str, Any]]:
+    """Effect at `REFERENCE` of each option about the site or source that changes a motion, averaged over the models.
+
+    Of the options that were given, against the models' own estimates; of the source of Vs30, against the other one.
+    """
+    found, before = [], reference_grid(models, grid)
+    other = "inferred" if models[0].vs30_source == "measured" else "measured"
+    changed: dict[str, tuple[str, Any]] = {
+        "vs30_source": ("--vs30-source", other), "hypocentre_km": ("--hypocentre", None),
+        "depth_1_0_km": ("--basin", None),
+    }  # fmt: skip
+    for name, (option, value) in changed.items():
+        if (given := getattr(models[0], name)) == value:
+            continue
+        after = reference_grid([replace(one, **{name: value}) for one in models], grid)
+        factor = math.exp(float(grid.weights @ (after.mean - before.mean)[:, 0]))
+        sigma, sigma_before = (float(grid.weights @ one.sigma[:, 0]) for one in (after, before))
+        if (factor, sigma) != (1.0, sigma_before):
+            found.append({
+                "option": option, "value": value or "estimated by the model", "instead_of": given,
+                "median_factor": factor, "sigma": sigma, "sigma_before": sigma_before,
+            })  # fmt: skip
+    return found
 
 
 def one_event(confidence: float, events: int = 1) -> Occurrence:
     """Occurrence of an earthquake a given number of times."""
     name = "one event" if events == 1 else f"{events} events"
-    return Occurrence(name, -math.expm1(math.log1p(-confidence) / events))
+    return Occurrence(name, confidence, lambda one: (1.0 - one) ** events)
 
 
 def recurring(confidence: float, years: Array, recurrence_years: float) -> Occurrence:
     """Poisson occurrence of an earthquake with a mean recurrence time, over equally likely ages `years` (n,)."""
     exposure = np.asarray(years, float) / recurrence_years
+    table = logsumexp(-np.outer(_PROBABILITIES, exposure), axis=1) - math.log(len(exposure))
     name = f"one event every {recurrence_years:,.0f} years"
-    return Occurrence(name, greatest_rate(exposure, 1.0 - confidence))
+    return Occurrence(name, confidence, lambda one: np.exp(np.interp(one, _PROBABILITIES, table)))
 
 
 def excess(grid: MotionGrid, fragility: Lognormal, occurrence: Occurrence) -> Array:
-    """Probit of the toppling probability minus that of exclusion, (m, r): an earthquake is excluded above 0."""
-    if occurrence.probability >= 1:
-        return np.full(grid.mean.shape[1:], -math.inf)
-    shares = np.tensordot(grid.weights, toppling_probability(fragility, grid.mean, grid.sigma), axes=1)
-    return ndtri(np.clip(shares, 1e-300, 1 - 1e-16)) - float(ndtri(occurrence.probability))
+    """Probit of the toppling probability minus that of the confidence, (m, r): an earthquake is excluded above 0."""
+    chance = np.clip(toppled(grid, fragility, occurrence), 1e-300, 1 - 1e-16)
+    return ndtri(chance) - float(ndtri(occurrence.confidence))
 
 
 def largest_magnitudes(
@@ -179,12 +233,12 @@ def _last_allowed(along: Array, beyond: Array) -> Array:
 
 
 def excluded_bins(
-    bins: Sequence[Bin], models: Sequence[GroundMotionModel], weights: Sequence[float], fragility: Lognormal,
+    bins: Sequence[Bin], models: Sequence[GroundMotionModel], grid: MotionGrid, fragility: Lognormal,
     occurrences: Sequence[Occurrence],
 ) -> pd.DataFrame:  # fmt: skip
     """Toppling probability and exclusion of the earthquake at the centre of each contributing deaggregation bin.
 
-    models, weights: ground-motion models and their weights.
+    models, grid: ground-motion models, and their grid with its weights and site term.
     Returns DataFrame: one row per occurrence and bin: occurrence, magnitude, distance_km (centres), share (fraction of
     the deaggregated hazard), topples (probability that one such earthquake topples the rock), excluded, beyond_models
     (whether it was clipped to the models' range). The largest contribution first.
@@ -193,15 +247,15 @@ def excluded_bins(
     magnitude = np.array([math.fsum(one.magnitude) / 2 for one in known])
     distance = np.array([math.fsum(one.distance_km) / 2 for one in known])
     share = np.array([one.contribution for one in known])
-    topples, beyond = np.zeros(len(known)), np.zeros(len(known), bool)
-    for model, weight in zip(models, np.asarray(weights, float) / sum(weights), strict=True):
-        within = np.clip(magnitude, *model.magnitudes), np.clip(distance, *model.distances_km)
-        topples += weight * toppling_probability(fragility, *model.motion(*within))
-        beyond |= (within[0] != magnitude) | (within[1] != distance)
+    within = [(np.clip(magnitude, *one.magnitudes), np.clip(distance, *one.distances_km)) for one in models]
+    beyond = np.any([(m != magnitude) | (r != distance) for m, r in within], axis=0)
+    mean, sigma = np.swapaxes([one.motion(*pair) for one, pair in zip(models, within, strict=True)], 0, 1)
+    there = replace(grid, mean=mean, sigma=sigma)
+    topples = toppled(there, fragility, one_event(0.5))
     tables = [
         pd.DataFrame({
             "occurrence": one.name, "magnitude": magnitude, "distance_km": distance, "share": share / share.sum(),
-            "topples": topples, "excluded": topples >= one.probability, "beyond_models": beyond,
+            "topples": topples, "excluded": toppled(there, fragility, one) >= one.confidence, "beyond_models": beyond,
         }).sort_values("share", ascending=False)
         for one in occurrences
     ]  # fmt: skip

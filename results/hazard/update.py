@@ -92,7 +92,7 @@ class Update:
     rocks: Sequence[Standing]
     events: EventSet
     exposure: Exposure
-    # A branch with a survival probability below 1 - confidence is rejected; scale factors have that survival.
+    # A branch with a survival probability below 1 - confidence is inconsistent; scale factors have that survival.
     confidence: float = 0.95
     tree: HazardTree | None = None  # logic tree of curves that the events represent, if any
 
@@ -118,14 +118,14 @@ class Update:
         return self._survivals[:-1]
 
     @property
-    def rejected(self) -> NDArray[np.bool_]:
-        """Mask of the rejected branches."""
+    def inconsistent(self) -> NDArray[np.bool_]:
+        """Mask of the inconsistent branches."""
         return self.survival < 1.0 - self.confidence
 
     @cached_property
     def posterior(self) -> Array | None:
-        """Posterior weights of the branches; None where all are rejected and an update is meaningless."""
-        return None if self.rejected.all() else branch_weights(self.events.prior, self.survival)
+        """Posterior weights of the branches; None where all are inconsistent and an update is meaningless."""
+        return None if self.inconsistent.all() else branch_weights(self.events.prior, self.survival)
 
     @cached_property
     def draws(self) -> Draws | None:
@@ -165,11 +165,11 @@ class Update:
     def branches(self) -> pd.DataFrame:
         """Table of branches: survival, rejection, weights and factors.
 
-        A branch is rejected where the rocks survive with less than 1 - confidence (5 % in Stirling et al. 2021).
+        A branch is inconsistent where the rocks survive with less than 1 - confidence (5 % in Stirling et al. 2021).
 
-        Returns DataFrame: one row per branch: name, toppling_rate (annual, any of the rocks), rejected, prior_weight,
-        posterior_weight (null where all branches are rejected), and columns of `factors`. For a set of events
-        also model, events and effective_events (Kish's number for the toppling rate); for curves
+        Returns DataFrame: one row per branch: name, toppling_rate (annual, any of the rocks), inconsistent,
+        prior_weight, posterior_weight (null where all branches are inconsistent), and columns of `factors`. For a set
+        of events also model, events and effective_events (Kish's number for the toppling rate); for curves
         unstated_below and unstated_above (fractions of the rate outside the curve's points, not counted:
         `results.hazard`) and survival_least (with these counted).
         """
@@ -178,7 +178,7 @@ class Update:
         ]
         table = pd.DataFrame({
             "name": [branch.name for branch in self.events.branches],
-            "toppling_rate": [part.sum() for part in bearing_rate], "rejected": self.rejected,
+            "toppling_rate": [part.sum() for part in bearing_rate], "inconsistent": self.inconsistent,
             "prior_weight": self.events.prior,
             "posterior_weight": math.nan if self.posterior is None else self.posterior,
         })  # fmt: skip
@@ -202,8 +202,8 @@ class Update:
 
     @property
     def decided(self) -> dict[str, float | None]:
-        """Effective number of branches before and after the update, mean survival, and rejected prior weight."""
-        prior, gone = self.events.prior, self.rejected
+        """Effective number of branches before and after the update, mean survival, and inconsistent prior weight."""
+        prior, gone = self.events.prior, self.inconsistent
         return {
             "branches": len(prior),
             "effective_branches_prior": effective_number(prior),
@@ -211,8 +211,8 @@ class Update:
             if self.posterior is None
             else effective_number(self.posterior),
             "survival_mean_of_branches": float(prior @ self.survival),
-            "weight_rejected": float(prior[gone].sum()),
-            "branches_rejected": int(gone.sum()),
+            "weight_inconsistent": float(prior[gone].sum()),
+            "branches_inconsistent": int(gone.sum()),
         }
 
     @property
@@ -296,7 +296,7 @@ class Update:
         ])  # fmt: skip
 
     def _drawn_means(self, of: Exceedance) -> Array | None:
-        """Posterior mean rates of each draw (draws, levels); None without draws, or where all branches are rejected."""
+        """Posterior mean rates of each draw (draws, levels); None without draws, or without posterior weights."""
         if self.draws is None or self.posterior is None:
             return None
         weights = drawn_weights(self.events.prior, np.exp(-self.draws.topplings[:, :-1]))

@@ -50,7 +50,7 @@ class Drawing:
 
 
 def curve_drawings(constraint: Constraint, statement: dict[str, Any]) -> list[Drawing]:
-    """The hazard before and after, where there is one, and with ages the rates that are rejected."""
+    """The hazard before and after, where there is one, and with ages the rates that are inconsistent."""
     found = []
     if (update := constraint.update) is not None:
         several = len(update.events.branches) > 1
@@ -63,21 +63,25 @@ def curve_drawings(constraint: Constraint, statement: dict[str, Any]) -> list[Dr
             else ": one curve, which cannot be weighted again."
         )
         found.append(Drawing("hazard", "Hazard", lambda width: hazard_figure(update, width), caption))
-    return found + rejected_drawing(constraint)
+    return found + inconsistent_drawing(constraint)
 
 
-def rejected_drawing(constraint: Constraint) -> list[Drawing]:
+def inconsistent_drawing(constraint: Constraint) -> list[Drawing]:
     """The rates that the rocks reject; none without ages."""
     if constraint.bound is None:
         return []
     caption = (
         f"Annual rates of exceedance that the standing rocks reject at {100 * constraint.confidence:g} % whatever the "
-        "rest of a hazard curve (grey), and the given curves. A curve outside the grey can also be rejected, by all "
+        "rest of a hazard curve (grey), and the given curves. A curve outside the grey can be inconsistent too, by all "
         "its rates together."
     )
     return [
         Drawing(
-            "constraint", "Rates rejected", lambda _: constraint_figure(constraint), caption, HALF_WIDTH_IN
+            "constraint",
+            "Rates inconsistent",
+            lambda _: constraint_figure(constraint),
+            caption,
+            HALF_WIDTH_IN,
         )
     ]
 
@@ -112,7 +116,7 @@ def constraint_page(statement: dict[str, Any], drawings: Sequence[Drawing]) -> s
     sections = [
         ("Branches", branches_table(statement, document)),
         ("Ground-motion models", _models(statement, document)),
-        ("Rates rejected", shown.get("Rates rejected", "")),
+        ("Rates inconsistent", shown.get("Rates inconsistent", "")),
         ("Rocks", _rocks(statement, document)),
         ("In words", "".join(map(paragraph, others))),
         (
@@ -207,7 +211,7 @@ def branches_table(statement: dict[str, Any], document: Document) -> str:
             "posterior weight": digits(row.get("posterior_weight")),
             "survival": _with_ends(row, "survival"), "motions at most times": _with_ends(row, "scale_factor"),
             "rates at most times": _with_ends(row, "rate_factor"),
-            "verdict": "" if "rejected" not in row else "inconsistent" if row["rejected"] else "consistent",
+            "verdict": "" if "inconsistent" not in row else "inconsistent" if row["inconsistent"] else "consistent",
         }
         for row in rows
     ])  # fmt: skip

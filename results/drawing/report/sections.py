@@ -19,7 +19,7 @@ from toppling.results.drawing.fit_figures import few_records, fit_figure, fit_ta
 from toppling.results.drawing.friction_figures import friction_figure
 from toppling.results.drawing.maps import map_figure
 from toppling.results.drawing.record_figures import records_figure
-from toppling.results.drawing.report.constraint_page import branches_table, rejected_drawing
+from toppling.results.drawing.report.constraint_page import branches_table, inconsistent_drawing
 from toppling.results.drawing.report.content import Content
 from toppling.results.drawing.report.document import Document, heading, pair, paragraph, sentence
 from toppling.results.drawing.report.methods import methods_section
@@ -207,7 +207,7 @@ def _constraint_section(content: Content, document: Document) -> str:
     if constraint is None or said is None or constraint.exposure is None:
         return ""
     stood = paragraph(f"{constraint.rocks[0].name}{age_words(said['rocks'][0])}.")
-    drawn = [document.figure(one.draw, one.caption, one.width_in) for one in rejected_drawing(constraint)]
+    drawn = [document.figure(one.draw, one.caption, one.width_in) for one in inconsistent_drawing(constraint)]
     return "".join([stood, *drawn, branches_table(said, document)])
 
 

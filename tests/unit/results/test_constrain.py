@@ -120,7 +120,7 @@ def test_branches_are_kept_or_rejected_and_weighted_anew(tmp_path, curves, hazar
     low, high = json.loads(done.stdout)["branches"]
     # Closed form of a power law of exponent 2: lambda(median) exp(2 beta^2).
     assert low["toppling_rate"] == pytest.approx(1e-5 / 1.44 * math.exp(0.32), rel=1e-4)
-    assert (low["rejected"], high["rejected"]) == (False, True)
+    assert (low["inconsistent"], high["inconsistent"]) == (False, True)
     assert (low["prior_weight"], high["prior_weight"]) == (0.25, 0.75)
     assert low["posterior_weight"] == pytest.approx(1.0)
     assert {path.name for path in folder.iterdir()} == {
@@ -129,7 +129,7 @@ def test_branches_are_kept_or_rejected_and_weighted_anew(tmp_path, curves, hazar
     }  # fmt: skip
     filed = json.loads((folder / "constraint.json").read_text())
     assert filed == json.loads(done.stdout)
-    assert pd.DataFrame(filed["rejected"])["rejected_annual_rate"].is_monotonic_decreasing
+    assert pd.DataFrame(filed["rates"])["inconsistent_annual_rate"].is_monotonic_decreasing
     assert (
         str(tmp_path)
         not in (folder / "constraint.json").read_text() + (folder / "constraint.html").read_text()
@@ -174,7 +174,7 @@ def test_a_verdict_that_hangs_on_what_the_curve_leaves_out_is_told(tmp_path, cur
         argument for name in ("whole", "late") for argument in ("--hazard", str(tmp_path / f"{name}.csv"))
     ]
     whole, late = json.loads(constrain(curves, "--age", "2000", *both, "--json").stdout)["branches"]
-    assert (whole["rejected"], late["rejected"]) == (True, False)
+    assert (whole["inconsistent"], late["inconsistent"]) == (True, False)
     # The late curve is the whole one without its low end: the same power law goes on below it.
     assert late["survival_least"] == pytest.approx(whole["survival"], rel=1e-4)
     assert late["unstated_below"] > 0.1
@@ -190,7 +190,7 @@ def test_a_hazard_of_which_all_is_rejected_has_its_verdict_first_and_no_update(
 ):
     branches = [argument for number in asked for argument in ("--hazard", hazards[number])]
     told = json.loads(constrain(curves, "--age", "10000", *branches, "--json").stdout)
-    assert all(branch["rejected"] for branch in told["branches"]) == all_of_them
+    assert all(branch["inconsistent"] for branch in told["branches"]) == all_of_them
     names = (
         ("branches", "posterior_weight"),
         ("updated", "rate_posterior_mean"),
@@ -202,12 +202,12 @@ def test_a_hazard_of_which_all_is_rejected_has_its_verdict_first_and_no_update(
     assert ("inconsistent" in first) == all_of_them
 
 
-@pytest.mark.parametrize(("confidence", "rejected"), [("0.5", True), ("0.95", False)])
-def test_a_branch_is_rejected_at_the_confidence_that_is_asked_for(curves, hazards, confidence, rejected):
+@pytest.mark.parametrize(("confidence", "inconsistent"), [("0.5", True), ("0.95", False)])
+def test_a_branch_is_rejected_at_the_confidence_that_is_asked_for(curves, hazards, confidence, inconsistent):
     age, asked = ["--age", "100000"], ["--hazard", hazards[0], "--confidence", confidence]
     branch = json.loads(constrain(curves, *age, *asked, "--json").stdout)["branches"][0]
     assert branch["survival"] == pytest.approx(math.exp(-1e5 * 1e-5 / 1.44 * math.exp(0.32)), rel=1e-3)
-    assert branch["rejected"] == rejected
+    assert branch["inconsistent"] == inconsistent
 
 
 def test_wrong_usage_and_wrong_data_are_told_apart(curves, hazards):

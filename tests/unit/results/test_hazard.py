@@ -14,7 +14,7 @@ from toppling.results.drawing.hazard_figures import constraint_figure, hazard_fi
 from toppling.results.hazard.ages import age_given, exposure, joint_ages, parse_age
 from toppling.results.hazard.curves import NODES_PER_E_FOLD, HazardCurve, continued
 from toppling.results.hazard.events import Standing
-from toppling.results.hazard.survival import rejected_rate, toppling_rate, unexceeded, unstated_shares
+from toppling.results.hazard.survival import inconsistent_rate, toppling_rate, unexceeded, unstated_shares
 from toppling.results.hazard.tree import Branch, HazardTree, branch_weights
 from toppling.results.hazard.update import Update
 
@@ -102,9 +102,9 @@ def test_bayes_weights_follow_the_survivals():
     assert np.isnan(branch_weights([0.5, 0.5], [0.0, 0.0])).all()
 
 
-def test_a_rejected_rate_is_one_under_which_the_rock_cannot_have_survived():
+def test_a_inconsistent_rate_is_one_under_which_the_rock_cannot_have_survived():
     years, confidence = 10_000.0, 0.95
-    bound = rejected_rate([Standing("rock", ROCK)], [0.0, 1.2, 5.0], stood("10000"), confidence)
+    bound = inconsistent_rate([Standing("rock", ROCK)], [0.0, 1.2, 5.0], stood("10000"), confidence)
     # At the median F is one half: lambda = -ln(0.05) / (0.5 T).
     assert bound[1] == pytest.approx(-math.log(0.05) / (0.5 * years))
     assert math.isinf(bound[0])
@@ -116,7 +116,7 @@ def test_a_rejected_rate_is_one_under_which_the_rock_cannot_have_survived():
 
 def test_an_uncertain_age_rejects_less_than_its_greatest_and_more_than_its_least():
     bounds = [
-        rejected_rate([Standing("rock", ROCK)], [2.0], stood(age))[0]
+        inconsistent_rate([Standing("rock", ROCK)], [2.0], stood(age))[0]
         for age in ("20000", "10000..20000", "10000")
     ]
     assert bounds[0] < bounds[1] < bounds[2]
@@ -196,7 +196,7 @@ def test_every_branch_that_the_legend_names_is_seen_within_the_frame(rate_at_one
     for rate in (rate_at_one, 1e-3):
         inside = (rate * x**-2.5 > bottom) & (rate * x**-2.5 < top)
         assert inside.mean() > 0.2
-    assert bottom >= 1e-4 * min(constraint.bound["rejected_annual_rate"].min(), rate_at_one)
+    assert bottom >= 1e-4 * min(constraint.bound["inconsistent_annual_rate"].min(), rate_at_one)
 
 
 @pytest.mark.parametrize(

@@ -39,5 +39,5 @@ class Completeness:
 
 def rows_stored(document: Mapping[str, Any]) -> int:
     """Largest number of rows that a session of a run had stored when it ended, from `run.json`."""
-    counts = [one.get("done") for one in document.get("sessions") or ()]
+    counts = [session.get("done") for session in document.get("sessions") or ()]
     return max((count for count in counts if type(count) is int), default=0)

@@ -68,7 +68,7 @@ def ask(runs: Sequence[_Readable], query: str, *, trusted: bool = False) -> pa.T
 
     def answer() -> pa.Table:
         with _tables_of(runs, trusted) as connection:
-            kinds = [] if trusted else [one.type for one in connection.extract_statements(query)]
+            kinds = [] if trusted else [statement.type for statement in connection.extract_statements(query)]
             if not trusted and kinds != [duckdb.StatementType.SELECT]:
                 held = ", ".join(kind.name for kind in kinds) or "nothing"
                 raise _refused(f"the query holds {held}")
@@ -167,7 +167,7 @@ def _refuse_pooling(connection: duckdb.DuckDBPyConnection, query: str, answered:
     pooled = [name for name in differing if name not in named_columns]
     of_atlas = kinds["rock"].notna().all()
     columns = ", ".join("rock" if name == "scene_id" and of_atlas else name for name in pooled)
-    values = "; ".join(f"{name}: {', '.join(str(one) for one in kinds[name].unique())}" for name in pooled)
+    values = "; ".join(f"{name}: {', '.join(str(kind) for kind in kinds[name].unique())}" for name in pooled)
     raise InputError(
         "query.runs_differ",
         f"these runs differ in {values}, and the query pools their rows",

@@ -24,7 +24,7 @@ from toppling.results.queries import ask, rows_where
 from toppling.results.run_integrity import SCENES, SITES_FILE, check_audits, check_files
 from toppling.results.schema import SCHEMA, describe, described_table
 from toppling.results.store import PathLike, newest_rows, read_steady, result_files
-from toppling.results.weights import Weights, weighed, weights_of
+from toppling.results.weights import Weights, weighted_rows, weights_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -74,14 +74,14 @@ class Run:
         """Runs of the single rocks of an atlas; empty for a run of one rock."""
         if self.root != self.path:
             return ()
-        return tuple(Run(self.path / SCENES / one["rock"]) for one in self.provenance().get("scenes") or ())
+        return tuple(Run(self.path / SCENES / rock["rock"]) for rock in self.provenance().get("scenes") or ())
 
     @property
     def entry(self) -> dict[str, Any]:
         """Entry of a rock of an atlas in `run.json`; empty for a run of one rock."""
         if self.root == self.path:
             return {}
-        return next(one for one in self.provenance()["scenes"] if one["rock"] == self.path.name)
+        return next(rock for rock in self.provenance()["scenes"] if rock["rock"] == self.path.name)
 
     @property
     def scene_folder(self) -> Path:
@@ -203,7 +203,7 @@ class Run:
         """
         weights = weights or self.weights()
         frame = self._by_records(frame)
-        return frame if weights is None else weighed(frame, weights)
+        return frame if weights is None else weighted_rows(frame, weights)
 
     def weights(self) -> Weights | None:
         """Weights of the bases; None where the campaign requests none.
@@ -225,7 +225,7 @@ class Run:
 
         if self.rocks:
             of_rocks = dict(list(frame.groupby("rock")))
-            parts = [one._by_records(of_rocks[one.rock]) for one in self.rocks if one.rock in of_rocks]
+            parts = [rock._by_records(of_rocks[rock.rock]) for rock in self.rocks if rock.rock in of_rocks]
             return pd.concat(parts).sort_index() if parts else frame
         motions = self.motions()
         if motions is None or "weight" not in motions.column_names:
@@ -253,7 +253,7 @@ class Run:
         """
         check_files(self.root)
         if self.rocks:
-            own = {one.entry["ensemble"]: one.rock for one in self.rocks}
+            own = {rock.entry["ensemble"]: rock.rock for rock in self.rocks}
             tables = []
             for folder, rock in own.items():
                 table = read_table(self.path / folder / CATALOG)
@@ -267,7 +267,7 @@ class Run:
         """One row describing the scene, or one per rock of an atlas with its site; None without a scene."""
         check_files(self.root)
         if self.rocks:
-            return pa.concat_tables(table for one in self.rocks if (table := one.scene()) is not None)
+            return pa.concat_tables(table for rock in self.rocks if (table := rock.scene()) is not None)
         scene = self._scene_document()
         return _scene_table(scene, self.entry) if scene else None
 

@@ -13,7 +13,7 @@ from toppling.models.scene import Scene
 from toppling.models.trajectory import Trajectory
 from toppling.results.schema import described_table
 
-STILL_SHARE = 1e-3
+STILL_FRACTION = 1e-3
 """Displacement of the centre of mass, as a fraction of the rock's height, below which the rock is at rest."""
 
 _LEAD_S = 0.5
@@ -38,8 +38,8 @@ class Replay:
         """Tilt (k,) of rotations (k, 4), relative to the trajectory's first pose."""
         turns, normal = Rotation.from_quat(quaternion_xyzw), self.scene.pedestal.normal
         first = Rotation.from_quat(self.trajectory.quaternion_xyzw[0])
-        carried = (turns * first.inv()).apply(normal)
-        return np.rad2deg(np.arctan2(np.linalg.norm(np.cross(normal, carried), axis=1), carried @ normal))
+        rotated = (turns * first.inv()).apply(normal)
+        return np.rad2deg(np.arctan2(np.linalg.norm(np.cross(normal, rotated), axis=1), rotated @ normal))
 
     def ground_m_s2(self, time_s: ArrayLike) -> Array:
         """Ground acceleration (k, 3) at given times; zero after the motion."""
@@ -61,7 +61,7 @@ class Replay:
         """Start and end of the part in which the rock moves; the whole motion where it stays at rest."""
         path = self.trajectory
         off = np.linalg.norm(path.position_m - path.position_m[0], axis=1)
-        moving = np.flatnonzero(off > STILL_SHARE * self.scene.rock.height_m)
+        moving = np.flatnonzero(off > STILL_FRACTION * self.scene.rock.height_m)
         if not len(moving):
             return 0.0, max(float(path.time_s[-1]), self.motion.duration_s)
         return max(float(path.time_s[moving[0]]) - _LEAD_S, 0.0), float(path.time_s[-1])

@@ -90,7 +90,7 @@ def check_rows(run: Path, path: Path) -> None:
     path: verified Parquet file with columns of the schema of results.
     Raises InputError if it contains rows of other jobs.
     """
-    known = [one for one in (run / _RUN_FILE, run / _JOBS_FILE) if one.exists()]
+    known = [path for path in (run / _RUN_FILE, run / _JOBS_FILE) if path.exists()]
     if known:
         _once(f"rows {path.absolute()}", [path, *known], lambda: _compare_rows(run, path))
 
@@ -177,8 +177,8 @@ def _compare_rows(run: Path, path: Path) -> None:
             )
     document = _document(run) if (run / _RUN_FILE).exists() else {}
     if (scene_id := document.get("scene_id")) is not None:
-        known_ids = {one["scene_id"] for one in document.get("scenes") or [document]}
-        if other := [one for one in pc.unique(rows["scene_id"]).to_pylist() if one not in known_ids]:
+        known_ids = {scene["scene_id"] for scene in document.get("scenes") or [document]}
+        if other := [name for name in pc.unique(rows["scene_id"]).to_pylist() if name not in known_ids]:
             raise ForeignError(f"holds rows of another scene ({other[0]}, the run's is {scene_id})", path)
 
 

@@ -57,8 +57,8 @@ _COLUMNS: dict[str, list[tuple[Any, ...]]] = {
         ("friction_factor", _REAL, _MAY, _SIZE, "1", "factor on both frictions that the realisation drew"),
     ],
     "imposed": [
-        (name, _REAL, _MAY, _SIZE, meaning(name)["unit"] or "1", each.description)
-        for name, each in MEASURES.items()
+        (name, _REAL, _MAY, _SIZE, meaning(name)["unit"] or "1", measure.description)
+        for name, measure in MEASURES.items()
     ],
     "outcome": [
         ("status", _TEXT, _MUST, _LINE, "", "ok, undecided, diverged, failed, crashed or timeout"),
@@ -120,13 +120,13 @@ LIMITS: Mapping[str, tuple[Any, Any]] = {
 
 SHORT_NAMES = {
     "level_pga_m_s2": "PGA",
-    **{name: each.short_name for name, each in MEASURES.items() if each.short_name},
+    **{name: measure.short_name for name, measure in MEASURES.items() if measure.short_name},
 }
 """Short names of measures, for print."""
 
 ADDED_LATER = (
     *("rock", "engine_steps", "cpu", "kernels"),
-    *(name for name, each in MEASURES.items() if each.added_later),
+    *(name for name, measure in MEASURES.items() if measure.added_later),
 )
 """Columns that results of this schema version may lack; they are read as null."""
 

@@ -65,7 +65,7 @@ class Weights:
                 "run.contact_without_weights",
                 f"no weights of the bases under friction {contact[0]:g}, {contact[1]:g} and restitution {contact[2]:g}",
                 where=WEIGHTS_FILE,
-                expected="one of " + ", ".join(f"{one}" for one in self.by_contact),
+                expected="one of " + ", ".join(f"{contact}" for contact in self.by_contact),
                 remedy="begin a new run with another --out",
             )
         return self.by_contact[contact]
@@ -96,10 +96,10 @@ class Weights:
             notes = json.loads(table.schema.metadata[_NOTES])
             check_plan_id(run, path, notes.pop("plan_id"))
             by_contact = {
-                tuple(map(float, contact)): one.sort_values("base")["weight"].to_numpy(float)
-                for contact, one in table.to_pandas().groupby(CONTACT)
+                tuple(map(float, contact)): rows.sort_values("base")["weight"].to_numpy(float)
+                for contact, rows in table.to_pandas().groupby(CONTACT)
             }
-            sound = all(np.isfinite(each).all() and (each > 0).all() for each in by_contact.values())
+            sound = all(np.isfinite(weight).all() and (weight > 0).all() for weight in by_contact.values())
             if not (by_contact and sound):
                 raise _no_weights(
                     "run.weights_unusable", "holds no weights, or one that is not positive", path
@@ -143,7 +143,7 @@ def are_due(run: Path) -> bool:
         return False
 
 
-def weighed(frame: pd.DataFrame, weights: Weights) -> pd.DataFrame:
+def weighted_rows(frame: pd.DataFrame, weights: Weights) -> pd.DataFrame:
     """Add `base_weight`, of mean 1 over the bases in use, to rows, and multiply `record_weight` by it.
 
     The nominal scene (realisation 0), whose base is not among the draws, has weight 1. With equal weights the frame is
@@ -153,14 +153,14 @@ def weighed(frame: pd.DataFrame, weights: Weights) -> pd.DataFrame:
     for contact, jobs in frame.groupby(CONTACT):
         drawn = jobs["base"].dropna().astype(int)
         if len(drawn):
-            each = weights.of(tuple(map(float, contact)))  # type: ignore[arg-type]  # of three columns
-            factor[drawn.index] = each[drawn.to_numpy()] / each[drawn.unique()].mean()
+            weight = weights.of(tuple(map(float, contact)))  # type: ignore[arg-type]  # of three columns
+            factor[drawn.index] = weight[drawn.to_numpy()] / weight[drawn.unique()].mean()
     if (factor.sub(1.0).abs() < _SAME).all():
         return frame
     return frame.assign(base_weight=factor, record_weight=frame.get("record_weight", 1.0) * factor)
 
 
-def unweighed(frame: pd.DataFrame) -> pd.DataFrame:
+def unweighted_rows(frame: pd.DataFrame) -> pd.DataFrame:
     """Rows with equal weights of the bases; records keep their weights."""
     weight = records_weight(frame)
     bare = frame.drop(columns=["base_weight", "record_weight"], errors="ignore")
@@ -178,18 +178,18 @@ def records_weight(frame: pd.DataFrame) -> pd.Series | None:
 def sentences(summary: Mapping[str, Any]) -> list[str]:
     """Sentences for a reader on weights (:meth:`Weights.summary`)."""
     several = len(summary["contacts"]) > 1
-    reason, said = summary["reason"], []
-    for one in summary["contacts"]:
-        under = f" with friction {one['friction_static']:g}" if several else ""
-        if one["bases"] - one["effective_bases"] < 1e-6:
-            said.append(
-                f"That {reason} tells nothing of its base{under}: its {one['bases']} draws weigh alike"
+    reason, found = summary["reason"], []
+    for contact in summary["contacts"]:
+        under = f" with friction {contact['friction_static']:g}" if several else ""
+        if contact["bases"] - contact["effective_bases"] < 1e-6:
+            found.append(
+                f"That {reason} tells nothing of its base{under}: its {contact['bases']} draws weigh alike"
             )
         else:
-            heaviest = max(one["weights"].values()) / one["bases"]
-            said.append(
-                f"{reason[0].upper()}{reason[1:]}: its {one['bases']} bases, weighted by how likely that is on each"
-                f"{under}, say as much as {one['effective_bases']:.1f} equal ones; the heaviest has "
+            heaviest = max(contact["weights"].values()) / contact["bases"]
+            found.append(
+                f"{reason[0].upper()}{reason[1:]}: its {contact['bases']} bases, weighted by how likely that is on each"
+                f"{under}, say as much as {contact['effective_bases']:.1f} equal ones; the heaviest has "
                 f"{100 * heaviest:.0f} % of the weight"
             )
-    return said + list(summary["remarks"])
+    return found + list(summary["remarks"])

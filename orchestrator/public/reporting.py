@@ -118,10 +118,10 @@ def report(
 
 def _of_many(atlas: Run, target: Path, samples: int, advance: Callable[..., None]) -> str:
     from toppling.results.analysis.fits import HEADLINE_MEASURE
-    from toppling.results.analysis.side_by_side import beside_each_other
+    from toppling.results.analysis.side_by_side import compare_rocks
     from toppling.results.drawing.report.gallery_page import gallery_page
 
-    rocks, shared = beside_each_other(atlas.rocks, HEADLINE_MEASURE, samples, advance=advance)
+    rocks, shared = compare_rocks(atlas.rocks, HEADLINE_MEASURE, samples, advance=advance)
     return gallery_page(atlas.name, [atlas], rocks, shared, HEADLINE_MEASURE, target.parent, advance)
 
 

@@ -28,7 +28,7 @@ from toppling.results.hazard.events import Standing
 from toppling.results.hazard.places import SITE_REACH_KM, distance_km
 from toppling.results.hazard.tree import HazardTree
 from toppling.results.reader import open_run
-from toppling.results.weights import CONTACT, Weights, unweighed
+from toppling.results.weights import CONTACT, Weights, unweighted_rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,7 +187,7 @@ def of_bases(jobs: Jobs, curve: Lognormal) -> dict[str, Any]:
     """Summary of a rock's base weights from survived motions, and the resulting shift of the median."""
     assert jobs.weights is not None
     summary = jobs.weights.summary(jobs.frame)
-    alike = fit(with_measure(unweighed(jobs.frame), curve.measure), [curve.measure]).lognormal
+    alike = fit(with_measure(unweighted_rows(jobs.frame), curve.measure), [curve.measure]).lognormal
     (of_contact,) = summary.pop("contacts")
     return {
         **summary,

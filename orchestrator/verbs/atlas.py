@@ -17,7 +17,7 @@ from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import option
 from toppling.results.analysis.fits import HEADLINE_MEASURE
 from toppling.results.analysis.resampling import SAMPLES
-from toppling.results.analysis.side_by_side import Beside, beside_each_other, directions_geojson, geojson
+from toppling.results.analysis.side_by_side import RockResults, compare_rocks, directions_geojson, geojson
 from toppling.results.drawing.report.content import Content
 from toppling.results.drawing.report.gallery_page import REPORT, gallery_page, summary
 from toppling.results.drawing.report.write import report_page
@@ -62,9 +62,7 @@ def atlas(
     if reports:
         _write_reports(of_rocks, samples)
     with bar("rocks", 2 * len(of_rocks)) as advance:
-        rocks, common = beside_each_other(
-            of_rocks, measure, samples, only_shared=only_shared, advance=advance
-        )
+        rocks, common = compare_rocks(of_rocks, measure, samples, only_shared=only_shared, advance=advance)
         title = ", ".join(run.name for run in opened) if len(opened) < 4 else f"{len(opened)} runs"
         text = gallery_page(title, opened, rocks, common, measure, folder, advance)
     write_text(text, folder / "atlas.html")
@@ -104,7 +102,7 @@ def _write_reports(rocks: list[Run], samples: int) -> None:
             advance()
 
 
-def _write_files(folder: Path, rocks: list[Beside], measure: str) -> None:
+def _write_files(folder: Path, rocks: list[RockResults], measure: str) -> None:
     save(fragilities_figure(rocks, measure), folder / "fragilities")
     write_csv(pd.DataFrame([rock.row for rock in rocks]), folder / "rocks.csv")
     if any(rock.place for rock in rocks):
@@ -113,7 +111,7 @@ def _write_files(folder: Path, rocks: list[Beside], measure: str) -> None:
             write_text(json.dumps(content, indent=1, allow_nan=False), folder / f"{name}.geojson")
 
 
-def _tell(folder: Path, rocks: list[Beside]) -> None:
+def _tell(folder: Path, rocks: list[RockResults]) -> None:
     placed = sum(rock.place is not None for rock in rocks)
     where = (
         f", rocks.geojson and directions.geojson with {placed} of {len(rocks)} rocks"

@@ -202,7 +202,7 @@ def median_shift_percent(
     difference = np.zeros(len(known))
     difference[place] = differs
     influence, plausible = np.zeros(len(known)), np.zeros(len(known))
-    log_shift, share_fitted = 0.0, 0.0
+    log_shift, fraction_fitted = 0.0, 0.0
     for jobs in by_contact(known).values():
         curve = _Fragility.of(jobs, measure)
         if curve is None:
@@ -210,12 +210,12 @@ def median_shift_percent(
         rows, share = jobs.index.to_numpy(), len(jobs) / len(known)
         influence[rows], plausible[rows] = share * curve.influence, curve.plausible
         log_shift += share * curve.log_shift(difference[rows] * len(known) / len(place))
-        share_fitted += share
-    if not share_fitted:
+        fraction_fitted += share
+    if not fraction_fitted:
         return Estimate(math.nan, math.nan, math.nan)
     typical = math.sqrt(float((plausible * influence**2).sum() / plausible.sum()))
     half = _half_width(influence[place] * differs, typical, len(known)) * len(known)
-    ends = np.expm1(np.array([log_shift, log_shift - half, log_shift + half]) / share_fitted)
+    ends = np.expm1(np.array([log_shift, log_shift - half, log_shift + half]) / fraction_fitted)
     return Estimate(*(100.0 * ends).tolist())
 
 

@@ -120,12 +120,12 @@ def narrowed_by(parts: Mapping[str, float], scan: Mapping[str, Any]) -> str:
         return "More records would narrow the interval most."
     kinds = list(found.get("kinds") or ())
     kind = f", or whether the base is {' or '.join(kinds)}" if len(kinds) > 1 else ""
-    ways = f"a pull test, places that touch or let daylight through{kind} (toppling scan --again)"
+    means = f"a pull test, places that touch or let daylight through{kind} (toppling scan --again)"
     known = (
         [inspection_told(found["toppling"], found["without_inspection"])]
         if "without_inspection" in found
         else []
     )
     return ". ".join(
-        [*(one[0].upper() + one[1:] for one in known), f"The base's part would be narrowed by {ways}."]
+        [*(text[0].upper() + text[1:] for text in known), f"The base's part would be narrowed by {means}."]
     )

@@ -44,7 +44,7 @@ _PARTS = {"median_records": "records", "median_base": "base"}
 """Columns of the relative half widths of the median's interval, by cause."""
 _BASIS = tuple(field.name for field in fields(Basis))
 _BASIS_NEEDED = tuple(field.name for field in fields(Basis) if field.default is MISSING)
-_SAMPLES_KEPT = 1000
+_MOST_SAMPLES = 1000
 """Maximum number of bootstrap samples in a file: Python's CSV reader takes 131,072 characters a cell."""
 
 _PLANE = ("coefficient_0", "coefficient_1", "coefficient_2")
@@ -224,15 +224,15 @@ def _from_nrml(text: str, path: Path) -> list[Lognormal]:
         measure, si = known
         for params in function.findall(f"{{{_SPACE}}}params"):
             mean, deviation = (float(str(params.get(key))) * si for key in ("mean", "stddev"))
-            curves.append(_with_row(of_moments(measure, mean, deviation), _kept_row(function)))
+            curves.append(_with_row(of_moments(measure, mean, deviation), _stored_row(function)))
     return curves
 
 
-def _kept_row(function: ET.Element) -> Mapping[str, Any]:
+def _stored_row(function: ET.Element) -> Mapping[str, Any]:
     """Row that this program writes as a comment of a function; empty in other programs' files."""
     texts = [str(child.text) for child in function if child.tag is ET.Comment]
-    kept = [text.removeprefix(_MARK) for text in texts if text.startswith(_MARK)]
-    return dict(json_of(kept[0], "NRML", _curve_error)) if kept else {}
+    comments = [text.removeprefix(_MARK) for text in texts if text.startswith(_MARK)]
+    return dict(json_of(comments[0], "NRML", _curve_error)) if comments else {}
 
 
 def _csv(rows: list[dict[str, Any]], name: str) -> str:
@@ -278,8 +278,8 @@ def _of_surface_row(row: Mapping[str, Any]) -> Surface:
     if not (basis and samples):
         return Surface(measures, coefficients, basis)
     found, fitted = _of_samples_text(samples)
-    kept = np.array(found).reshape(-1, len(coefficients))
-    return Surface(measures, coefficients, basis, Resampled(kept, fitted, basis.records, reflected=True))
+    refits = np.array(found).reshape(-1, len(coefficients))
+    return Surface(measures, coefficients, basis, Resampled(refits, fitted, basis.records, reflected=True))
 
 
 def _curves(rows: Iterable[Mapping[str, Any]]) -> list[Lognormal]:
@@ -309,7 +309,7 @@ def _row(curve: Lognormal) -> dict[str, Any]:
 
 def _samples_text(resampled: Resampled, numbers: Callable[[Array], Iterable[float]]) -> str:
     """Numbers of each bootstrap sample, `1.21 .39;1.18 .41;;...`; empty for a sample without a fit."""
-    rows = [() if one is None else numbers(one) for one in islice(resampled.drawn(), _SAMPLES_KEPT)]
+    rows = [() if refit is None else numbers(refit) for refit in islice(resampled.drawn(), _MOST_SAMPLES)]
     return ";".join(" ".join(f"{value:.7g}" for value in row) for row in rows)
 
 
@@ -337,10 +337,10 @@ def _with_row(curve: Lognormal, row: Mapping[str, Any]) -> Lognormal:
     basis = _basis_of_row(row)
     low, high = (float(row[name]) for name in _INTERVAL) if _stated(row, _INTERVAL) else (math.nan, math.nan)
     parts = {part: float(row[name]) for name, part in _PARTS.items() if _stated(row, [name])}
-    told = basis and _stated(row, ["samples"])
-    kept = _medians_and_betas(str(row["samples"]), basis.records) if basis and told else None
+    has_samples = basis and _stated(row, ["samples"])
+    resampled = _medians_and_betas(str(row["samples"]), basis.records) if basis and has_samples else None
     ends = (low, high) if low <= high else None
-    return replace(curve, basis=basis, median_interval=ends, interval_parts=parts, resampled=kept)
+    return replace(curve, basis=basis, median_interval=ends, interval_parts=parts, resampled=resampled)
 
 
 def _stated(row: Mapping[str, Any], names: Iterable[str]) -> bool:

@@ -114,7 +114,7 @@ class ContactFits:
     samples: int = SAMPLES  # bootstrap samples of the fits
     run: Completeness | None = None  # completeness of the run of these jobs
     words: str = ""  # what distinguishes it from others, such as "μ = 0.8"
-    told: Callable[[Sequence[str]], object] = lambda _: None  # called with the measures of each fit
+    notify: Callable[[Sequence[str]], object] = lambda _: None  # called with the measures of each fit
 
     @cached_property
     def known(self) -> pd.DataFrame:
@@ -143,13 +143,13 @@ class ContactFits:
 
     def fitted(self, measures: Sequence[str], link: str = "probit") -> Fit:
         """Joint fit of some measures, with its bootstrap samples."""
-        self.told(measures)
+        self.notify(measures)
         return sampled(self.known, fit(self.known, measures, link), self.samples)
 
     @cached_property
     def curves(self) -> dict[str, Lognormal]:
         """Lognormal fragility over each measure that has one."""
-        found = {one.measures[0]: one.lognormal for one in self.models}
+        found = {model.measures[0]: model.lognormal for model in self.models}
         return {
             name: replace(curve, basis=basis_of(self.jobs, name, self.run))
             for name, curve in found.items()

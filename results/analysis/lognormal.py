@@ -85,7 +85,7 @@ class Lognormal:
         """The single measure as a tuple, for use in place of a `Surface`."""
         return (self.measure,)
 
-    def stouter(self, factor: float) -> "Lognormal":
+    def less_fragile(self, factor: float) -> "Lognormal":
         """Curve of a rock that withstands motions stronger by a factor."""
         return replace(self, median=self.median * factor)
 
@@ -113,7 +113,7 @@ class Surface:
         felt = np.all([np.asarray(motions[name]) > 0 for name in self.measures], axis=0)
         return np.where(felt, ndtr(score), 0.0)
 
-    def stouter(self, factor: float) -> "Surface":
+    def less_fragile(self, factor: float) -> "Surface":
         """Surface of a rock that withstands motions stronger by a factor."""
         intercept, *slopes = self.coefficients
         return replace(self, coefficients=(intercept - sum(slopes) * math.log(factor), *slopes))
@@ -155,12 +155,12 @@ class Resampled:
         A sample without a fit gives no bound: its curve is that of a rock that no shaking topples.
         """
         never = Lognormal(measure, math.inf, 0.0)
-        return [never if one is None else lognormal_of(measure, *one) for one in self.drawn()]
+        return [never if row is None else lognormal_of(measure, *row) for row in self.drawn()]
 
     def surfaces(self, measures: Sequence[str]) -> list[Surface]:
         """Fragility surface of each sample over several measures; zero probability for a sample without a fit."""
         never = -math.inf, *(0.0 for _ in measures)
-        rows = (never if one is None else tuple(one.tolist()) for one in self.drawn())
+        rows = (never if row is None else tuple(row.tolist()) for row in self.drawn())
         return [Surface(tuple(measures), row) for row in rows]
 
 

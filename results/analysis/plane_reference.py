@@ -42,7 +42,7 @@ class _Section:
     # (2, 2): from corner to centre of mass, horizontal and up; first the corner on the positive side.
     arms_m: Array
     inertia_per_mass_m2: float  # about the centre of mass, axis perpendicular to the section
-    beside_m: float = 0.0  # largest distance of a contact point from the plane that it is projected into
+    offset_m: float = 0.0  # largest distance of a contact point from the plane that it is projected into
 
 
 def section_along(scene: Scene, azimuth_deg: float) -> _Section | None:
@@ -56,16 +56,16 @@ def section_along(scene: Scene, azimuth_deg: float) -> _Section | None:
     along = horizontal_unit_vector(azimuth_deg)
     across = horizontal_unit_vector(azimuth_deg + 90.0)
     place = _crossings(contacts, along, across)
-    beside_m = 0.0
+    offset_m = 0.0
     if place is None:
         outermost = contacts[[(contacts @ along).argmin(), (contacts @ along).argmax()]]
         place = np.column_stack([outermost @ along, outermost[:, 2]])
-        beside_m = float(np.abs(outermost @ across).max())
+        offset_m = float(np.abs(outermost @ across).max())
         if not place[0, 0] < 0 < place[1, 0]:
             return None
     left, right = place
     inertia = float(across @ scene.rock.inertia_per_mass_m2 @ across)
-    return _Section(azimuth_deg, np.array([-right, -left]), inertia, beside_m)
+    return _Section(azimuth_deg, np.array([-right, -left]), inertia, offset_m)
 
 
 def _crossings(contacts: Array, along: Array, across: Array) -> Array | None:
@@ -99,7 +99,7 @@ def topples(
     """
     squared = (arms_m**2).sum(axis=2)
     inertia_at = inertia[:, None] + squared
-    kept = np.clip((inertia + (arms_m[:, 0] * arms_m[:, 1]).sum(axis=1))[:, None] / inertia_at, 0.0, 1.0)
+    ratio = np.clip((inertia + (arms_m[:, 0] * arms_m[:, 1]).sum(axis=1))[:, None] / inertia_at, 0.0, 1.0)
     angle, rate = np.zeros(len(inertia)), np.zeros(len(inertia))
     pick = np.arange(len(inertia))
     for step in unit:
@@ -119,7 +119,7 @@ def topples(
         new = angle + TIME_STEP_S * rate
         lands = angle * new < 0
         # A step that crosses zero ends on the other corner; a rate that gravity undoes in one step counts as rest.
-        rate[lands] *= kept[pick, 1 - about][lands]
+        rate[lands] *= ratio[pick, 1 - about][lands]
         weak = lands & (
             np.abs(rate) < TIME_STEP_S * np.abs(moments[pick, 1 - about]) / inertia_at[pick, 1 - about]
         )
@@ -156,11 +156,11 @@ def simulate(
         for number, (_, _, components) in enumerate(batch):
             unit[: len(components), :, number] = components
         cut, record, level = (grid.ravel() for grid in np.indices((len(cuts), len(batch), len(levels))))
-        arms = np.array([each.arms_m for each in cuts])[cut]
-        inertia = np.array([each.inertia_per_mass_m2 for each in cuts])[cut]
+        arms = np.array([section.arms_m for section in cuts])[cut]
+        inertia = np.array([section.inertia_per_mass_m2 for section in cuts])[cut]
         toppled = topples(arms, inertia, unit, record, levels[level], scene.gravity_m_s2)
         tables.append(pd.DataFrame({
-            "azimuth_deg": np.array([each.azimuth_deg for each in cuts])[cut],
+            "azimuth_deg": np.array([section.azimuth_deg for section in cuts])[cut],
             "record_id": np.array([name for name, _, _ in batch])[record],
             "pga_m_s2": levels[level],
             "pgv_pga_s": np.array([pulse for _, pulse, _ in batch])[record],
@@ -176,10 +176,10 @@ def notes(found: Mapping[float, _Section | None]) -> Iterator[str]:
     if without:
         azimuths = ", ".join(without)
         yield f"the centre of mass lies beyond all contact points along {azimuths} degrees: no plane reference there"
-    if beside := {
-        azimuth: cut.beside_m for azimuth, cut in found.items() if cut is not None and cut.beside_m
+    if offset := {
+        azimuth: cut.offset_m for azimuth, cut in found.items() if cut is not None and cut.offset_m
     }:
-        listed = ", ".join(f"{azimuth:g} degrees ({beside_m:.2g} m)" for azimuth, beside_m in beside.items())
+        listed = ", ".join(f"{azimuth:g} degrees ({offset_m:.2g} m)" for azimuth, offset_m in offset.items())
         yield f"outermost contact points are brought into the section from beside it along {listed}"
 
 

@@ -41,9 +41,9 @@ def out_of_fold(frame: pd.DataFrame, measures: Sequence[str]) -> pd.Series:
         if not fitted.problem:
             predicted.iloc[test] = fitted.probability(frame.iloc[test])
         elif 0 < standing * (1 + NEAR_TIE) < toppled < math.inf:
-            doubt = 0.5 / fitted.jobs
+            softening = 0.5 / fitted.jobs
             above = frame.iloc[test][measures[0]] > math.sqrt(standing * toppled)
-            predicted.iloc[test] = np.where(above, 1 - doubt, doubt)
+            predicted.iloc[test] = np.where(above, 1 - softening, softening)
     return predicted
 
 
@@ -102,20 +102,20 @@ def calibration(frame: pd.DataFrame, predicted: pd.Series) -> pd.DataFrame:
     Returns DataFrame: one row a bin: predicted (mean), observed, jobs, records, wilson_low and wilson_high of observed.
     """
     known = predicted.notna()
-    table = _binned_shares(frame[known], predicted[known], _BINS)
+    table = _binned_fractions(frame[known], predicted[known], _BINS)
     return table.rename(columns={"value": "predicted", "probability": "observed"})
 
 
-def observed_shares(frame: pd.DataFrame, measure: str, bins: int = 12) -> pd.DataFrame:
+def observed_fractions(frame: pd.DataFrame, measure: str, bins: int = 12) -> pd.DataFrame:
     """Fraction of jobs that topple in bins of equally many jobs along a measure, with Wilson's interval by records.
 
     Returns DataFrame: one row a bin: value (geometric mean), probability, wilson_low, wilson_high, jobs, records.
     """
-    table = _binned_shares(frame, np.log(frame[measure]), bins)
+    table = _binned_fractions(frame, np.log(frame[measure]), bins)
     return table.assign(value=np.exp(table["value"]))
 
 
-def _binned_shares(frame: pd.DataFrame, value: pd.Series, bins: int) -> pd.DataFrame:
+def _binned_fractions(frame: pd.DataFrame, value: pd.Series, bins: int) -> pd.DataFrame:
     """Mean value and fraction toppled in bins of equally many jobs, each job weighted by its record's weight.
 
     Records are weighted as in the fit that they are compared with. Wilson's trials are Kish's effective number.

@@ -116,8 +116,8 @@ def softened(frame: pd.DataFrame, measures: Sequence[str]) -> tuple[float, ...] 
     toppled = frame["toppled"].astype(float)
     if toppled.nunique() < 2:
         return None
-    doubt = 0.5 / len(frame)
-    groups = grouped(frame, measures, toppled.clip(doubt, 1.0 - doubt))
+    softening = 0.5 / len(frame)
+    groups = grouped(frame, measures, toppled.clip(softening, 1.0 - softening))
     found = _regress(design_of(groups, measures), groups, "probit")
     return None if found is None else tuple(float(value) for value in found)
 

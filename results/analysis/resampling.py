@@ -158,6 +158,6 @@ def refitted(
     start: (coefficients,), those of the fit with unit weights.
     weights: (samples, groups), how often each group was drawn.
     """
-    each = max(1, _AT_ONCE // max(1, len(design)))
-    for first in range(0, len(weights), each):
-        yield from scored(design, share, trials * weights[first : first + each], link, np.asarray(start))
+    block = max(1, _AT_ONCE // max(1, len(design)))
+    for first in range(0, len(weights), block):
+        yield from scored(design, share, trials * weights[first : first + block], link, np.asarray(start))

@@ -18,13 +18,13 @@ from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.reader import Run
 
-_ONE_BASE = "on one of the bases that the scan allows"
+_SINGLE_BASE = "on one of the bases that the scan allows"
 ARROW_M = 100.0
 """Length on the map of an arrow that represents all topplings of a rock, m."""
 
 
 @dataclass(frozen=True, eq=False)
-class Beside:
+class RockResults:
     """Results of one of several rocks."""
 
     run: Run
@@ -48,7 +48,7 @@ class Beside:
         interval = (curve.median_interval if curve else None) or (None, None)
         parts = curve.interval_parts if curve else {}
         weakest, entry = self.weakest_azimuth_deg, self.run.entry
-        one_base = _ONE_BASE if len(known) and self.run.on_one_base(known) else ""
+        single_base = _SINGLE_BASE if len(known) and self.run.on_one_base(known) else ""
         return {
             "rock": self.name,
             "site": entry.get("site"),
@@ -70,7 +70,7 @@ class Beside:
             "toppled": int(known["toppled"].sum()),
             "records": int(known["record_id"].nunique()),
             "without_answer": len(self.jobs) - len(known),
-            "remark": "; ".join(filter(None, (self.run.completeness().remark, one_base, self.why_not)))
+            "remark": "; ".join(filter(None, (self.run.completeness().remark, single_base, self.why_not)))
             or None,
         }
 
@@ -86,19 +86,19 @@ class Shared:
     @property
     def sentence(self) -> str:
         """Summary for a reader."""
-        levels = ", ".join(f"{one:g}" for one in self.levels_m_s2) or "none"
+        levels = ", ".join(f"{level:g}" for level in self.levels_m_s2) or "none"
         records = f"{len(self.records)} of {self.of_records} records"
         return f"The rocks share {records}, and as levels of PGA (m/s²) {levels}."
 
 
-def beside_each_other(
+def compare_rocks(
     runs: Sequence[Run],
     measure: str,
     samples: int = SAMPLES,
     *,
     only_shared: bool = False,
     advance: Callable[[], object] = lambda: None,
-) -> tuple[list[Beside], Shared]:
+) -> tuple[list[RockResults], Shared]:
     """Rocks with their fragilities over one measure, and the records and levels that they have in common.
 
     runs: runs of one rock each.
@@ -126,7 +126,7 @@ def beside_each_other(
             used = jobs[
                 jobs["record_id"].isin(shared.records) & jobs["level_pga_m_s2"].isin(shared.levels_m_s2)
             ]
-        found.append(_beside(run, contact, used, measure, samples))
+        found.append(_rock_results(run, contact, used, measure, samples))
         advance()
     return found, shared
 
@@ -158,7 +158,7 @@ def _shared(of_rocks: Sequence[pd.DataFrame], runs: Sequence[Run]) -> Shared:
     )
 
 
-def _beside(run: Run, contact: str, jobs: pd.DataFrame, measure: str, samples: int) -> Beside:
+def _rock_results(run: Run, contact: str, jobs: pd.DataFrame, measure: str, samples: int) -> RockResults:
     known = answered(jobs) if len(jobs) else jobs
     curve: Lognormal | None = None
     why_not = (run.entry.get("problem") or "no job has an answer").splitlines()[0]
@@ -171,7 +171,7 @@ def _beside(run: Run, contact: str, jobs: pd.DataFrame, measure: str, samples: i
     azimuth_deg, least_m_s2 = weakest(run.quasi_static()) or (None, None)
     found = on_earth(run)
     place = None if found is None else (float(found[0, 0]), float(found[0, 1]))
-    return Beside(run, run.rock, contact, jobs, curve, why_not, place, azimuth_deg, least_m_s2)
+    return RockResults(run, run.rock, contact, jobs, curve, why_not, place, azimuth_deg, least_m_s2)
 
 
 def on_earth(run: Run, offsets_m: ArrayLike = ((0.0, 0.0),)) -> Array | None:
@@ -192,7 +192,7 @@ def on_earth(run: Run, offsets_m: ArrayLike = ((0.0, 0.0),)) -> Array | None:
         )
         longitude, latitude, _ = Geod(ellps="WGS84").fwd(longitude, latitude, bearing, away)
         return np.column_stack([longitude, latitude])
-    codes = {one.get("epsg") for one in run.scene_report().get("files") or () if isinstance(one, dict)}
+    codes = {file.get("epsg") for file in run.scene_report().get("files") or () if isinstance(file, dict)}
     rock = run.rock_m()
     if len(codes) != 1 or not isinstance(code := codes.pop(), int) or rock is None:
         return None
@@ -208,7 +208,7 @@ def on_earth(run: Run, offsets_m: ArrayLike = ((0.0, 0.0),)) -> Array | None:
     return found if np.isfinite(found).all() else None
 
 
-def geojson(rocks: Sequence[Beside]) -> dict[str, Any]:
+def geojson(rocks: Sequence[RockResults]) -> dict[str, Any]:
     """GeoJSON (RFC 7946) of the rocks with a known location: points with the columns of their table."""
     features = []
     for rock in rocks:
@@ -219,7 +219,7 @@ def geojson(rocks: Sequence[Beside]) -> dict[str, Any]:
     return _collection(features)
 
 
-def directions_geojson(rocks: Sequence[Beside]) -> dict[str, Any]:
+def directions_geojson(rocks: Sequence[RockResults]) -> dict[str, Any]:
     """GeoJSON of lines from each located rock toward the azimuths that it toppled to.
 
     A line's `length_m` is `ARROW_M` times the fraction of topplings within half a petal of its azimuth.
@@ -248,7 +248,7 @@ def directions_geojson(rocks: Sequence[Beside]) -> dict[str, Any]:
 
 
 def _feature(kind: str, places: Sequence[Any], properties: dict[str, Any]) -> dict[str, Any]:
-    points = [[round(float(one), 7) for one in place] for place in places]
+    points = [[round(float(degrees), 7) for degrees in place] for place in places]
     coordinates = points[0] if kind == "Point" else points
     return {
         "type": "Feature",

@@ -52,8 +52,8 @@ class Unphysical:
     def sentence(self) -> str:
         """Summary for a reader."""
         named = [
-            f"{one.record_id} ({words(one.factor, one.pgv_m_s, one.pgd_m)}, {one.toppled} topplings)"
-            for one in self.records
+            f"{record.record_id} ({words(record.factor, record.pgv_m_s, record.pgd_m)}, {record.toppled} topplings)"
+            for record in self.records
         ]
         part = (
             f", {self.toppled / self.of_toppled:.0%} of all topplings".replace("%", " %")
@@ -67,14 +67,14 @@ class Unphysical:
 
     @property
     def _change(self) -> str:
-        shares = f"share toppled is {self.share_without:.3f} instead of {self.share:.3f}"
+        change = f"share toppled is {self.share_without:.3f} instead of {self.share:.3f}"
         if self.median_pga_m_s2 is None:
-            return f"Without them the {shares}"
+            return f"Without them the {change}"
         if self.median_pga_without_m_s2 is None:
-            return f"Without them the {shares}, and no median PGA lies within what was shaken"
+            return f"Without them the {change}, and no median PGA lies within what was shaken"
         return (
             f"Without them the median PGA is {self.median_pga_without_m_s2:.3g} instead of "
-            f"{self.median_pga_m_s2:.3g} m/s2, and the {shares}"
+            f"{self.median_pga_m_s2:.3g} m/s2, and the {change}"
         )
 
     def to_json(self) -> dict[str, Any]:
@@ -129,7 +129,7 @@ def _strongest(beyond: pd.DataFrame) -> tuple[Strongest, ...]:
         factor, pgv_m_s, pgd_m = (float(jobs[name].max()) for name in ("factor", "pgv_m_s", "pgd_m"))
         toppled = int(jobs["toppled"].sum())
         found.append(Strongest(str(record_id), factor, pgv_m_s, pgd_m, len(jobs), toppled))
-    return tuple(sorted(found, key=lambda one: (-one.toppled, -one.pgv_m_s)))
+    return tuple(sorted(found, key=lambda record: (-record.toppled, -record.pgv_m_s)))
 
 
 def _median(known: pd.DataFrame) -> float | None:

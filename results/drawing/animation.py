@@ -151,9 +151,9 @@ def _draw_arrow(draw: ImageDraw.ImageDraw, replay: Replay, view: _View, time_s: 
     motion = replay.motion
     ground = replay.ground_m_s2(time_s)
     strongest = max(float(np.linalg.norm(motion.acceleration_m_s2, axis=1).max()), 1e-9)
-    foot = np.append(replay.scene.rock.com_m[:2], replay.scene.pedestal.point_m[2])
-    tip = foot + 0.6 * view.half_m * ground / strongest
-    start, end = view.pixels(np.array([foot, tip]) @ view.frame, size)
+    origin = np.append(replay.scene.rock.com_m[:2], replay.scene.pedestal.point_m[2])
+    tip = origin + 0.6 * view.half_m * ground / strongest
+    start, end = view.pixels(np.array([origin, tip]) @ view.frame, size)
     along = end - start
     length = float(np.hypot(*along))
     if length < 6:

@@ -64,8 +64,8 @@ def _hazard_after(update: Update, folder: Path, ratio: float) -> Iterator[Path]:
             new_file(target) as hidden,
             ZipFile(hidden, "w", ZIP_DEFLATED) as archive,
         ):
-            for one in write_openquake(update, Path(made), ratio):
-                archive.write(one, one.name)
+            for file in write_openquake(update, Path(made), ratio):
+                archive.write(file, file.name)
         yield target
 
 
@@ -76,6 +76,6 @@ def _write(
     for name in _TABLES:
         if name in tables:
             yield write_csv(tables[name], folder / f"{name}.csv")
-    for one in drawings:
-        yield from save(one.draw(one.width_in), folder / one.stem, unfinished(statement))
+    for drawing in drawings:
+        yield from save(drawing.draw(drawing.width_in), folder / drawing.stem, unfinished(statement))
     yield write_text(constraint_page(statement, drawings), folder / "constraint.html")

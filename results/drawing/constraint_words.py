@@ -17,7 +17,7 @@ _MOST_NAMED = 6
 LARGEST_FACTOR = 1e3
 """Largest scale factor of motions or rates that is reported; beyond it any factor is allowed for practical purposes."""
 
-_LEAST_SHARE = 5e-4
+_LEAST_FRACTION = 5e-4
 """Smallest fraction of a toppling rate or of weight that is reported: 0.1 % after rounding."""
 
 _LEAST_AGE_YEARS = 100.0
@@ -45,22 +45,22 @@ def answer(statement: dict[str, Any]) -> list[str]:
     alive, counts = [branch["survival"] for branch in statement["branches"]], statement["decided"]
     several, at = len(alive) > 1, f"at {100 * statement['confidence']:g} %"
     standing = "the standing rock" if len(statement["rocks"]) == 1 else "the standing rocks"
-    gone = counts["branches_inconsistent"]
+    out = counts["branches_inconsistent"]
     if not several:
-        verdict = "inconsistent" if gone else "consistent"
+        verdict = "inconsistent" if out else "consistent"
         first = f"The hazard is {verdict} with {standing} {at}: survival is {_percent(alive[0])}."
         return [first, _allowed(statement)]
-    if gone == len(alive):
+    if out == len(alive):
         most = _percent(max(alive))
-        first = f"All {gone} branches of the hazard are inconsistent with {standing} {at}: survival is at most {most}."
+        first = f"All {out} branches of the hazard are inconsistent with {standing} {at}: survival is at most {most}."
         return [first, _allowed(statement)]
     lines = [line for line in (*_falls(statement), _allowed(statement)) if line]
-    weight = f", with {_percent(counts['weight_inconsistent'])} of the prior weight" if gone else ""
+    weight = f", with {_percent(counts['weight_inconsistent'])} of the prior weight" if out else ""
     return [
         *lines,
         f"Survival under the {len(alive)} branches is {_percent(counts['survival_mean_of_branches'])} on average, "
-        f"{_percent(min(alive))} to {_percent(max(alive))}; {gone or 'none'} of them "
-        f"{'are' if gone > 1 else 'is'} inconsistent with {standing} {at}{weight}.",
+        f"{_percent(min(alive))} to {_percent(max(alive))}; {out or 'none'} of them "
+        f"{'are' if out > 1 else 'is'} inconsistent with {standing} {at}{weight}.",
         f"The branch set counts as {counts['effective_branches_prior']:.3g} equal branches by its prior weights, "
         f"and {counts['effective_branches_posterior']:.3g} by its posterior weights.",
     ]
@@ -186,8 +186,8 @@ def ages_words(rocks: Sequence[Standing], width_in: float = math.inf) -> str:
     ages = {rock.name: rock.age for rock in rocks if rock.age}
     if len(set(ages.values())) == 1:
         return f"standing for {next(iter(ages.values()))}"
-    each = "; ".join(f"{name}: {age}" for name, age in ages.items())
-    return each if len(each) <= LETTERS_PER_IN * width_in else f"{len(ages)} rocks, each with its age"
+    by_rock = "; ".join(f"{name}: {age}" for name, age in ages.items())
+    return by_rock if len(by_rock) <= LETTERS_PER_IN * width_in else f"{len(ages)} rocks, each with its age"
 
 
 def _rock_lines(statement: dict[str, Any]) -> list[str]:
@@ -321,15 +321,15 @@ def _tree_lines(statement: dict[str, Any]) -> list[str]:
     lines = []
     for level in dict.fromkeys(row["level"] for row in statement.get("levels", ())):
         rows = [row for row in statement["levels"] if row["level"] == level]
-        if rows[0]["moved"] < _LEAST_SHARE:
+        if rows[0]["moved"] < _LEAST_FRACTION:
             continue
         lines.append(
             f"logic-tree level {level}: the rocks move {_percent(rows[0]['moved'])} of its weight ("
             + ", ".join(f"{r['choice']} {r['prior_weight']:.3g} to {r['posterior_weight']:.3g}" for r in rows)
             + ")"
         )
-    if shares := [part for part in statement.get("parts", ()) if (part["share"] or 0.0) >= _LEAST_SHARE]:
-        named = ", ".join(f"{_percent(part['share'])} is from {part['part']}" for part in shares)
+    if parts := [part for part in statement.get("parts", ()) if (part["share"] or 0.0) >= _LEAST_FRACTION]:
+        named = ", ".join(f"{_percent(part['share'])} is from {part['part']}" for part in parts)
         lines.append(f"Of the toppling rate, {named}.")
     return lines
 

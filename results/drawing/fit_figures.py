@@ -46,21 +46,21 @@ def fit_figure(
 ) -> Figure:
     """Fragility of one measure with its interval, ranking of the measures, and calibration of the predictions.
 
-    observed, ranking, calibrated: from `analysis.ranking`: observed_shares, compare_measures, calibration.
+    observed, ranking, calibrated: from `analysis.ranking`: observed_fractions, compare_measures, calibration.
     toppled: number of topplings, if known: with too few the measures are not ranked.
     width_in: width of the figure; three panels in a row at full width, stacked at less.
     """
-    beside = width_in >= FULL_WIDTH_IN
+    in_row = width_in >= FULL_WIDTH_IN
     too_few = toppled is not None and toppled < FEW_TOPPLED
     with style():
-        figure = Figure(figsize=(width_in, 2.75) if beside else (width_in, 7.6))
+        figure = Figure(figsize=(width_in, 2.75) if in_row else (width_in, 7.6))
         shape, room = (
             ((1, 3), {"wspace": 0.72, "bottom": 0.27, "left": 0.075, "right": 0.975, "top": 0.86})
-            if beside
+            if in_row
             else ((3, 1), {"hspace": 0.5, "bottom": 0.11, "left": 0.27, "right": 0.95, "top": 0.96})
         )
         left, middle, right = figure.subplots(*shape, gridspec_kw=room)
-        caption = (" " if beside else "\n").join(_FIT_CAPTION)
+        caption = (" " if in_row else "\n").join(_FIT_CAPTION)
         figure.text(0.5, 0.008, caption, ha="center", va="bottom", size=6.5, color="0.25")
         draw_curve(left, curve, observed)
         if too_few:
@@ -82,7 +82,7 @@ def draw_curve(axes: Axes, curve: Lognormal, observed: pd.DataFrame) -> None:
     )
     draw_band(axes, curve, intensity, MAIN_COLOUR)
     axes.plot(intensity, curve.probability(intensity), color=MAIN_COLOUR, lw=1.2)
-    draw_shares(axes, observed, "value", "probability", fmt=".", ms=4, lw=0.6, color="0.2", clip_on=False)
+    draw_fractions(axes, observed, "value", "probability", fmt=".", ms=4, lw=0.6, color="0.2", clip_on=False)
     axes.set(
         xscale="log", ylim=(0, 1), xlim=(intensity[0], intensity[-1]), xlabel=measure_label(curve.measure),
         ylabel="toppling probability",
@@ -98,7 +98,7 @@ def draw_band(axes: Axes, curve: Lognormal, intensity: Array, colour: Any) -> No
         axes.fill_between(intensity, *resampled.interval(drawn), color=colour, alpha=0.3, lw=0)
 
 
-def draw_shares(axes: Axes, table: pd.DataFrame, x: str, share: str, **dots: Any) -> None:
+def draw_fractions(axes: Axes, table: pd.DataFrame, x: str, share: str, **dots: Any) -> None:
     """Draw fractions as dots with their intervals."""
     ends = table[["wilson_low", "wilson_high"]].to_numpy().T
     axes.errorbar(table[x], table[share], np.abs(ends - table[share].to_numpy()), **dots)
@@ -135,14 +135,14 @@ def _draw_calibration(axes: Axes, calibrated: pd.DataFrame) -> None:
     """Draw observed fraction against predicted probability, of records left out of the fit."""
     axes.plot([0, 1], [0, 1], "k--", lw=0.8)
     dots: dict[str, Any] = {"fmt": "o", "ms": 3, "lw": 0.6, "color": MAIN_COLOUR, "clip_on": False}
-    draw_shares(axes, calibrated, "predicted", "observed", **dots)
+    draw_fractions(axes, calibrated, "predicted", "observed", **dots)
     axes.set(
         xlabel="predicted probability", ylabel="observed share", title="records left out of the fit",
         xlim=(0, 1), ylim=(0, 1), xticks=np.linspace(0, 1, 5), xticklabels=["0", "", "0.5", "", "1"],
     )  # fmt: skip
 
 
-_SHARES = {0.05: ":", 0.5: "-", 0.95: "--"}
+_CONTOURS = {0.05: ":", 0.5: "-", 0.95: "--"}
 """Toppling probabilities whose contours are drawn, and their line styles."""
 
 
@@ -160,7 +160,7 @@ def surface_figure(surface: Surface, jobs: pd.DataFrame) -> Figure:
         for toppled, colour in ((False, "0.75"), (True, "#d98c5f")):
             some = jobs[jobs["toppled"] == toppled]
             axes.scatter(some[first], some[second], s=3, color=colour, lw=0, rasterized=True)
-        for share, line in _SHARES.items():
+        for share, line in _CONTOURS.items():
             axes.plot(
                 x, _crossing(np.array([surface.coefficients]), x, share)[0], line, color=MAIN_COLOUR, lw=1.2
             )
@@ -177,7 +177,7 @@ def surface_figure(surface: Surface, jobs: pd.DataFrame) -> Figure:
         plain_log(axes.yaxis)
         handles: list[Line2D | Patch] = [
             Line2D([], [], color=MAIN_COLOUR, ls=line, label=f"{100 * share:g} % topple")
-            for share, line in _SHARES.items()
+            for share, line in _CONTOURS.items()
         ]
         if drawn is not None and len(drawn.coefficients):
             handles.append(Patch(color=MAIN_COLOUR, alpha=0.25, lw=0, label="other records (95 %)"))
@@ -223,7 +223,7 @@ def fit_table(summary: pd.DataFrame, known: pd.DataFrame) -> pd.DataFrame:
 
 
 def _with_interval(numbers: Iterable[float], strongest: float | None) -> str:
-    ends = [within(one, strongest) for one in numbers]
+    ends = [within(number, strongest) for number in numbers]
     return f"{ends[0]} ({ends[1]} to {ends[2]})" if ends[1] and ends[2] else ends[0]
 
 
@@ -249,6 +249,6 @@ def fit_words(summary: pd.DataFrame, known: pd.DataFrame) -> str:
     if curves.empty:
         return "no measure is known of every job: there is no fit"
     table = fit_table(curves.reset_index(drop=True), known)
-    kept = [name for name in table if name not in ("samples", "without fit")]
-    said = [table[kept].to_string(index=False), few_records(known["record_id"].nunique())]
-    return "\n".join(filter(None, said))
+    columns = [name for name in table if name not in ("samples", "without fit")]
+    paragraphs = [table[columns].to_string(index=False), few_records(known["record_id"].nunique())]
+    return "\n".join(filter(None, paragraphs))

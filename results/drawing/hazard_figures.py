@@ -242,7 +242,9 @@ def events_figure(
     branches: from `Update.branches`.
     updated: from `Update.updated`; None where no event is felt at the rocks' sites.
     """
-    hazards = [] if updated is None else [one for _, one in updated.groupby(["site", "measure"], sort=False)]
+    hazards = (
+        [] if updated is None else [rows for _, rows in updated.groupby(["site", "measure"], sort=False)]
+    )
     count = 1 + len(hazards[:MOST_PANELS])
     columns = 1 if width_in < FULL_WIDTH_IN else min(count, 2)
     rows = -(-count // columns)

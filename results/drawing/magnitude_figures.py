@@ -65,7 +65,9 @@ def faults_figure(
     circles: smallest allowed distance, by magnitude.
     limits: (low, high), range of magnitudes of the models.
     """
-    known = [one.magnitude for one in faults if one.magnitude is not None and math.isfinite(one.magnitude)]
+    known = [
+        fault.magnitude for fault in faults if fault.magnitude is not None and math.isfinite(fault.magnitude)
+    ]
     shades = Normalize(
         max(limits[0], math.floor(2 * min(known, default=limits[0])) / 2),
         min(limits[1], math.ceil(2 * max(known, default=limits[1])) / 2 + 0.01),
@@ -75,8 +77,8 @@ def faults_figure(
         figure = Figure(figsize=(width_in, 0.82 * width_in), layout="constrained")
         axes = figure.subplots()
         reach = _reach_km(faults, circles)
-        for one in faults:
-            _draw_fault(axes, one, shades, reach)
+        for fault in faults:
+            _draw_fault(axes, fault, shades, reach)
         _draw_circles(axes, circles, _clear_angle(faults, reach))
         axes.plot(0, 0, "k^", ms=5)
         axes.set(
@@ -109,35 +111,35 @@ def _draw_circles(axes: Axes, circles: dict[float, float], angle: float) -> None
 def _clear_angle(faults: Sequence[FaultTrace], reach: float) -> float:
     """Direction of the labels: farthest from the traces, preferring up or down, where labels overlap less."""
     angles = np.deg2rad([90, 270, 60, 120, 240, 300])
-    points = np.concatenate([line for one in faults for line in one.lines])
-    way = np.linspace(0.1, 0.6, 6)[:, None] * reach
+    points = np.concatenate([line for fault in faults for line in fault.lines])
+    radii = np.linspace(0.1, 0.6, 6)[:, None] * reach
     clear = [
-        min(np.hypot(*(points - step * (math.cos(angle), math.sin(angle))).T).min() for step in way)
+        min(np.hypot(*(points - step * (math.cos(angle), math.sin(angle))).T).min() for step in radii)
         for angle in angles
     ]
     return float(angles[int(np.argmax(clear))])
 
 
-def _draw_fault(axes: Axes, one: FaultTrace, shades: Normalize, reach: float) -> None:
+def _draw_fault(axes: Axes, fault: FaultTrace, shades: Normalize, reach: float) -> None:
     """Draw a named trace coloured by its magnitude, grey where none is excluded."""
-    magnitude = math.inf if one.magnitude is None else one.magnitude
+    magnitude = math.inf if fault.magnitude is None else fault.magnitude
     free = magnitude == math.inf
     colour = "0.65" if free else COLOURS(shades(max(magnitude, shades.vmin or 0.0)))
-    for line in one.lines:
+    for line in fault.lines:
         axes.plot(*line.T, color=colour, lw=1.0 if free else 2.0, solid_capstyle="round")
-    points = np.concatenate(list(one.lines))
+    points = np.concatenate(list(fault.lines))
     inside = points[(np.abs(points) < 0.9 * reach).all(axis=1)]
     if len(inside):
         allowed = "" if free else " (all)" if magnitude == -math.inf else f" ({magnitude:.1f})"
         middle_km = inside[int(np.argmin(np.abs(np.hypot(*inside.T) - 0.6 * reach)))]
         axes.annotate(
-            one.name + allowed, middle_km, size=6.5, color="0.1", xytext=(0, 5), textcoords="offset points",
+            fault.name + allowed, middle_km, size=6.5, color="0.1", xytext=(0, 5), textcoords="offset points",
             ha="left" if middle_km[0] < 0 else "right", bbox=_PLATE,
         )  # fmt: skip
 
 
 def _reach_km(faults: Sequence[FaultTrace], circles: dict[float, float]) -> float:
-    nearest = [min(np.hypot(*line.T).min() for line in one.lines) for one in faults]
+    nearest = [min(np.hypot(*line.T).min() for line in fault.lines) for fault in faults]
     widest = max((d for d in circles.values() if math.isfinite(d)), default=0.0)
     return 1.15 * max(widest, min(_REACH_KM, max(nearest, default=0.0)), 5.0)
 

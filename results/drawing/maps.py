@@ -42,7 +42,7 @@ _NARROW_LETTERS = 62
 
 _NO_RECORDS = "no records"
 
-_SHARES = Normalize(0, 1)
+_COLOUR_SCALE = Normalize(0, 1)
 """Colour scale of probabilities."""
 
 
@@ -161,7 +161,7 @@ def _draw_cells(axes: Axes, table: pd.DataFrame, plane: Plane) -> None:
     bars = PolyCollection(
         list(corners.transpose(2, 0, 1)),
         cmap=COLOURS,
-        norm=_SHARES,
+        norm=_COLOUR_SCALE,
         edgecolors="white",
         linewidths=0.3,
     )
@@ -232,7 +232,7 @@ def _colour_bar(figure: Figure, margins: dict[str, float]) -> None:
         0.1 / width,
         margins["top"] - margins["bottom"],
     )
-    bar = figure.colorbar(ScalarMappable(_SHARES, COLOURS), cax=figure.add_axes(box))
+    bar = figure.colorbar(ScalarMappable(_COLOUR_SCALE, COLOURS), cax=figure.add_axes(box))
     bar.set_label("toppling probability", size=7.5)
 
 

@@ -24,7 +24,7 @@ from toppling.results.drawing.style import (
     style,
     svg_text,
 )
-from toppling.results.replayed_job import STILL_SHARE, Replay
+from toppling.results.replayed_job import STILL_FRACTION, Replay
 
 _PAGE_HZ, _PAGE_POSES = 25.0, 1500
 """Rate of the poses in a page, Hz, and their maximum number."""
@@ -116,7 +116,7 @@ def shown_times(replay: Replay, rate_hz: float, most: int) -> Array:
 def azimuth_across(replay: Replay) -> float:
     """Azimuth of a view perpendicular to the fall, degrees."""
     off = replay.trajectory.position_m - replay.trajectory.position_m[0]
-    if np.hypot(off[:, 0], off[:, 1]).max() < STILL_SHARE * replay.scene.rock.height_m:
+    if np.hypot(off[:, 0], off[:, 1]).max() < STILL_FRACTION * replay.scene.rock.height_m:
         return _AT_REST_DEG
     farthest = off[np.argmax(np.hypot(off[:, 0], off[:, 1]))]
     return float(np.rad2deg(np.arctan2(farthest[1], farthest[0])) - 90.0)

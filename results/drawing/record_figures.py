@@ -37,15 +37,15 @@ def records_figure(ensemble: Ensemble, width_in: float = FULL_WIDTH_IN) -> Figur
 
     width_in: width of the figure; three panels in a row at full width, stacked at less.
     """
-    beside = width_in >= FULL_WIDTH_IN
+    in_row = width_in >= FULL_WIDTH_IN
     names = ensemble.record_ids
     value = {
         name: np.array(ensemble.catalog.column(name).to_pylist(), dtype=float)
         for name in ("pga_m_s2", "pgv_pga_s", "distance_km", "magnitude")
     }
     with style():
-        figure = Figure(figsize=(width_in, 2.7) if beside else (width_in, 7.6), layout="constrained")
-        spectra, ratio, source = figure.subplots(*((1, 3) if beside else (3, 1)))
+        figure = Figure(figsize=(width_in, 2.7) if in_row else (width_in, 7.6), layout="constrained")
+        spectra, ratio, source = figure.subplots(*((1, 3) if in_row else (3, 1)))
         _draw_spectra(ensemble, spectra)
         scatter(ratio, value["pgv_pga_s"], value["pga_m_s2"], names, COLOURS(0.35))
         ratio.set(xlabel="PGV/PGA (s)", ylabel="PGA, horizontal vector (m/s²)")

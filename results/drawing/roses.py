@@ -36,10 +36,10 @@ def rose_figure(
     sector: from `analysis.directions.sector_share`, reported in the title.
     width_in: width of the figure; panels side by side at full width, stacked at less.
     """
-    beside = width_in >= FULL_WIDTH_IN
+    in_row = width_in >= FULL_WIDTH_IN
     with style():
-        figure = Figure(figsize=(width_in, 3.4 if beside else 6.8))
-        shape, room = ((1, 2), {"top": 0.76, "bottom": 0.08}) if beside else (
+        figure = Figure(figsize=(width_in, 3.4 if in_row else 6.8))
+        shape, room = ((1, 2), {"top": 0.76, "bottom": 0.08}) if in_row else (
             (2, 1), {"top": 0.87, "bottom": 0.05, "hspace": 0.5}
         )  # fmt: skip
         left, right = figure.subplots(*shape, subplot_kw={"projection": "polar"}, gridspec_kw=room)
@@ -134,7 +134,7 @@ def draw_settled(
         _plan(figure.add_subplot(1, 2, 1), scanned, stands, outline_m)
         _roses(figure.add_subplot(1, 2, 2, projection="polar"), rose_scanned, rose_stands)
         legends = [axes.get_legend_handles_labels() for axes in figure.axes]
-        lines, names = ([one for part in parts for one in part] for parts in zip(*legends, strict=True))
+        lines, names = ([entry for part in parts for entry in part] for parts in zip(*legends, strict=True))
         figure.legend(lines, names, loc="outside lower center", ncols=2, frameon=False)
         figure.savefig(path, format="png")
 

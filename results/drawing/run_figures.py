@@ -141,8 +141,8 @@ def write_fits(
     """
     for contact, jobs in by_contact(frame).items():
         target = folder / contact / "fits"
-        former_ones = [file for stem in ("curves", "fits", "surface") for file in target.glob(f"{stem}.*")]
-        for former in (*former_ones, target / "calibration.csv"):
+        former_files = [file for stem in ("curves", "fits", "surface") for file in target.glob(f"{stem}.*")]
+        for former in (*former_files, target / "calibration.csv"):
             former.unlink(missing_ok=True)  # files of measures that have no fit any more are not overwritten
         yield from _write_contact(jobs, target, name, samples, audit_over, advance, run)
 
@@ -159,23 +159,23 @@ def _write_contact(
     advance(0, "ranking of the measures")
     parts = 0
 
-    def told(measures: Sequence[str]) -> None:
+    def notify(measures: Sequence[str]) -> None:
         names = " and ".join(map(short_name, measures))
         advance(FIT_PARTS / parts, f"bootstrap of the fit over {names}")
 
-    contact = fits.ContactFits(jobs, samples, run, told=told)
+    contact = fits.ContactFits(jobs, samples, run, notify=notify)
     yield write_csv(contact.ranking, target / "measures.csv")
     both = [names for names in regression.SURFACES if set(names) <= set(contact.measures)]
     parts = len(contact.measures) + len(both) * len(regression.LINKS)
     of_two = [contact.fitted(names, link) for names in both for link in regression.LINKS]
     models = [*contact.models, *of_two]
     table = fits.summary(models)
-    _add_shifts(table, [audit_over(each.measures[0]) if each.lognormal else {} for each in models])
+    _add_shifts(table, [audit_over(model.measures[0]) if model.lognormal else {} for model in models])
     yield write_csv(table, target / "fits.csv")
     surfaces = [
         replace(surface, basis=fits.basis_of(jobs, surface.measures[0], run))
-        for each in of_two
-        if each.measures == regression.SURFACES[0] and (surface := each.surface)
+        for model in of_two
+        if model.measures == regression.SURFACES[0] and (surface := model.surface)
     ]
     for surface in surfaces:
         yield from save(surface_figure(surface, contact.known), target / "surface", _remark(run))
@@ -187,7 +187,7 @@ def _write_contact(
         chosen = contact.best or curves[0]
         calibrated = ranking.calibration(contact.known, ranking.out_of_fold(contact.known, [chosen.measure]))
         yield write_csv(calibrated, target / "calibration.csv")
-        observed = ranking.observed_shares(contact.known, chosen.measure)
+        observed = ranking.observed_fractions(contact.known, chosen.measure)
         figure = fit_figure(chosen, observed, contact.ranking, calibrated, contact.toppled)
         yield from save(figure, target / "fits", _remark(run))
 

@@ -321,8 +321,8 @@ def _fit_of(registration: Mapping[str, Any]) -> str:
     stations, residual = registration["stations"], registration["residual_m"]
     if residual is None:
         return f"{stations} stations show no common places: how well they fit each other cannot be told"
-    each = [fit["residual_m"] for fit in registration.get("of_stations", [])]
-    alone = [one for one in each if one is not None]
+    residuals = [fit["residual_m"] for fit in registration.get("of_stations", [])]
+    alone = [value for value in residuals if value is not None]
     compared = f"{len(alone)} of {stations}" if alone and len(alone) < stations else f"{stations}"
     return f"{compared} stations fit each other within {1e3 * residual:.2g} mm" + (
         f", the worst within {1e3 * max(alone):.2g} mm" if alone else ""

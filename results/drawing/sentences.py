@@ -4,14 +4,14 @@ from toppling.results.analysis.lognormal import Lognormal, parts_words
 from toppling.results.drawing.style import printed_unit, short_name
 
 
-def what_topples(curve: Lognormal, contact: str, one_base: bool) -> str:
+def what_topples(curve: Lognormal, contact: str, single_base: bool) -> str:
     """Sentence on the median intensity of a fragility, with its interval by cause.
 
     contact: words for the contact.
-    one_base: whether all jobs are on the same one of the possible bases.
+    single_base: whether all jobs are on the same one of the possible bases.
     """
     unit, name, strongest = printed_unit(curve.measure), short_name(curve.measure), curve.strongest_shaken
-    rested = contact + (", for one of the bases that the scan allows" if one_base else "")
+    rested = contact + (", for one of the bases that the scan allows" if single_base else "")
     if strongest is not None and curve.is_beyond_shaken:
         share = float(curve.probability(strongest))
         return (

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from toppling.models.scene import Scene
 from toppling.models.spelling import counted
-from toppling.results.analysis.side_by_side import Beside
+from toppling.results.analysis.side_by_side import RockResults
 from toppling.results.drawing.fit_figures import draw_band
 from toppling.results.drawing.scene_figures import draw_view
 from toppling.results.drawing.style import (
@@ -35,21 +35,21 @@ _THUMBNAIL_IN = 2.2
 """Side of a thumbnail, inches."""
 
 
-def fragilities_figure(rocks: Sequence[Beside], measure: str, width_in: float = FULL_WIDTH_IN) -> Figure:
+def fragilities_figure(rocks: Sequence[RockResults], measure: str, width_in: float = FULL_WIDTH_IN) -> Figure:
     """Fragilities of the rocks, and their medians with 95 % intervals, the weakest below.
 
     measure: measure of all curves.
     width_in: width of the figure; two panels side by side at full width, stacked at less.
     """
     drawn = sorted(
-        (rock for rock in rocks if rock.curve), key=lambda one: one.curve.median if one.curve else 0.0
+        (rock for rock in rocks if rock.curve), key=lambda rock: rock.curve.median if rock.curve else 0.0
     )
     rows_in = 0.16 * min(len(drawn), _MOST_NAMED)
-    beside = width_in >= FULL_WIDTH_IN
+    in_row = width_in >= FULL_WIDTH_IN
     with style():
-        size = (width_in, max(3.0, rows_in + 0.8)) if beside else (width_in, 3.2 + max(2.0, rows_in + 0.6))
+        size = (width_in, max(3.0, rows_in + 0.8)) if in_row else (width_in, 3.2 + max(2.0, rows_in + 0.6))
         figure = Figure(figsize=size, layout="constrained")
-        left, right = figure.subplots(*((1, 2) if beside else (2, 1)))
+        left, right = figure.subplots(*((1, 2) if in_row else (2, 1)))
         if not drawn:
             left.text(0.5, 0.5, "no rock has a fragility yet", ha="center", transform=left.transAxes)
             right.set_axis_off()
@@ -64,7 +64,7 @@ def _colours(count: int) -> list[tuple[float, float, float, float]]:
     return [COLOURS(share) for share in np.linspace(0.0, 0.75, count)]
 
 
-def _draw_curves(axes: Axes, drawn: Sequence[Beside], measure: str) -> None:
+def _draw_curves(axes: Axes, drawn: Sequence[RockResults], measure: str) -> None:
     curves = [rock.curve for rock in drawn if rock.curve]
     low = min(curve.intensity(0.01) for curve in curves)
     high = max(curve.intensity(0.99) for curve in curves)
@@ -79,7 +79,7 @@ def _draw_curves(axes: Axes, drawn: Sequence[Beside], measure: str) -> None:
     plain_log(axes.xaxis)
 
 
-def _draw_medians(axes: Axes, drawn: Sequence[Beside], measure: str) -> None:
+def _draw_medians(axes: Axes, drawn: Sequence[RockResults], measure: str) -> None:
     shown = drawn[:_MOST_NAMED]
     for index, (rock, colour) in enumerate(zip(shown, _colours(len(drawn)), strict=False)):
         curve = rock.curve
@@ -103,7 +103,7 @@ def _draw_medians(axes: Axes, drawn: Sequence[Beside], measure: str) -> None:
     plain_log(axes.xaxis)
 
 
-def places_figure(rocks: Sequence[Beside], measure: str, width_in: float = FULL_WIDTH_IN) -> Figure:
+def places_figure(rocks: Sequence[RockResults], measure: str, width_in: float = FULL_WIDTH_IN) -> Figure:
     """Map of the rocks with known locations, coloured by their median intensity."""
     placed = [rock for rock in rocks if rock.place]
     with style():
@@ -221,14 +221,14 @@ def scenarios_figure(rows: pd.DataFrame, matrix: pd.DataFrame) -> Figure:
         _draw_matrix(above, matrix, figure)
         places = [group[["longitude", "latitude"]].iloc[0] for _, group in placed]
         points = across_date_line(np.array(places, float))
-        shares = np.array([_share_as_they_are(group) for _, group in placed])
+        fractions = np.array([_share_as_they_are(group) for _, group in placed])
         _frame_map(below, points)
-        sizes, bare = _ring_sizes(points), np.isnan(shares)
+        sizes, bare = _ring_sizes(points), np.isnan(fractions)
         below.scatter(points[bare, 0], points[bare, 1], sizes[bare], marker="x", color="0.4", lw=0.9)
         behind = np.argsort(-sizes)[~bare[np.argsort(-sizes)]]
         x, y = points[behind].T
-        below.scatter(x, y, sizes[behind], shares[behind], cmap=COLOURS, vmin=0, vmax=1, ec="0.2", lw=0.5)
-        texts = ["none" if np.isnan(share) else f"{100 * share:.0f} %" for share in shares]
+        below.scatter(x, y, sizes[behind], fractions[behind], cmap=COLOURS, vmin=0, vmax=1, ec="0.2", lw=0.5)
+        texts = ["none" if np.isnan(share) else f"{100 * share:.0f} %" for share in fractions]
         names = [f"{name} {words}" for (name, _), words in zip(placed, texts, strict=True)]
         _name_points(below, points, names)
         below.set_title("share of scenarios that topple each rock as they are")

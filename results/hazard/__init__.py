@@ -6,7 +6,7 @@ same events: at least one topples with 1 - prod(1 - F_i(x)); taking them as inde
 
 A hazard curve is undefined outside its points x_0 ... x_n. What lies outside is not counted in nu, so nu is a lower
 bound and survival an upper bound: a rejection is valid, but an accepted branch may depend on it. Two terms are
-reported with the result (`unstated_shares`):
+reported with the result (`unstated_fractions`):
 
 - above x_n, at most (1 - F(x_n)) lambda(x_n): as if every event beyond it toppled a rock;
 - below x_0, the integral of F(x) k lambda(x_0) (x / x_0)^-k dx / x from 0 to x_0: the first segment's power law,

@@ -40,7 +40,7 @@ _DOTTED = re.compile(r"[1-9]\d{0,2}(?:\.\d{3})+")
 _LONGEST = 200
 """Maximum number of characters of an age."""
 
-_ABSENT, AS_NOW, STOUTER = 0, 1, 2
+_ABSENT, AS_NOW, LESS_FRAGILE = 0, 1, 2
 """States of a rock at some past time."""
 
 
@@ -48,7 +48,7 @@ _ABSENT, AS_NOW, STOUTER = 0, 1, 2
 class Exposure:
     """Time that sets of rocks stood together, in each draw of their ages."""
 
-    # (s, rocks): `_ABSENT`, `AS_NOW` or `STOUTER` (less fragile); an absent rock cannot topple.
+    # (s, rocks): `_ABSENT`, `AS_NOW` or `LESS_FRAGILE` (less fragile); an absent rock cannot topple.
     states: NDArray[np.int8]
     years: Array  # (s, draws): time spent in each state
 
@@ -132,17 +132,17 @@ def parse_since(text: str) -> Since:
 
     Raises InputError if the age is invalid, or the factor is not above 1.
     """
-    age, colon, stouter = text.rpartition(":")
+    age, colon, stated = text.rpartition(":")
     if not colon or _is_file(text):
         return Since(parse_age(text, "--fragile-since"))
     try:
-        factor = float(stouter)
+        factor = float(stated)
     except ValueError:
         factor = math.nan
     if not factor > 1:
         raise InputError(
             "age.factor_unusable",
-            what=f"the factor {stouter!r} of {text!r}",
+            what=f"the factor {stated!r} of {text!r}",
             where="--fragile-since",
             expected="a number above 1, by which the rock's medians were higher before",
             remedy="leave it out for a rock that could not topple before, such as a buried one",
@@ -191,18 +191,18 @@ def exposure(ages: Array, since: Sequence[Since | None] | None = None) -> Exposu
     since: date of fragility of each rock; None for a rock that has always been as fragile as now.
     """
     late = [None] * ages.shape[1] if since is None else list(since)
-    draws = max(len(ages), *(len(one.years) for one in late if one), 1)
+    draws = max(len(ages), *(len(date.years) for date in late if date), 1)
     ages = np.resize(ages, (draws, ages.shape[1]))
     fragile = ages.copy()  # minimum of a rock's age and its date of fragility
     random = np.random.default_rng([0, 1])  # pairs dates of fragility with ages
-    for number, one in enumerate(late):
-        if one is not None:
-            fragile[:, number] = np.minimum(ages[:, number], random.permutation(np.resize(one.years, draws)))
-    stouter = np.array([one is not None and math.isfinite(one.factor) for one in late])
+    for number, date in enumerate(late):
+        if date is not None:
+            fragile[:, number] = np.minimum(ages[:, number], random.permutation(np.resize(date.years, draws)))
+    less_fragile = np.array([date is not None and math.isfinite(date.factor) for date in late])
     ends = np.sort(np.concatenate([fragile, ages], axis=1), axis=1)
     starts = np.concatenate([np.zeros((draws, 1)), ends[:, :-1]], axis=1)
     middle = ((starts + ends) / 2)[:, :, None]
-    before = np.where(stouter & (middle < ages[:, None, :]), STOUTER, _ABSENT)
+    before = np.where(less_fragile & (middle < ages[:, None, :]), LESS_FRAGILE, _ABSENT)
     state = np.where(middle < fragile[:, None, :], AS_NOW, before).astype(np.int8)
     lasting = ends - starts
     some = (lasting > 0) & (state != _ABSENT).any(axis=2)

@@ -56,7 +56,7 @@ class Group:
     def chosen(self, some: NDArray) -> "Group":
         """Group of a subset of the events (m,)."""
         return Group(
-            self.numbers, {name: each[some] for name, each in self.motions.items()}, self.rates[:, some]
+            self.numbers, {name: values[some] for name, values in self.motions.items()}, self.rates[:, some]
         )
 
 
@@ -117,7 +117,9 @@ class EventSet:
 def _together(branches: Sequence[EventBranch], prior: Array) -> EventBranch:
     """Mean hazard: the events of all branches, with rates multiplied by the branches' weights."""
     rates = [w * branch.rate for w, branch in zip(prior, branches, strict=True)]
-    motions = {name: np.concatenate([one.motions[name] for one in branches]) for name in branches[0].motions}
+    motions = {
+        name: np.concatenate([branch.motions[name] for branch in branches]) for name in branches[0].motions
+    }
     return EventBranch(MEAN, np.concatenate(rates), motions)
 
 
@@ -159,8 +161,8 @@ def events_of_tree(tree: HazardTree, rocks: Sequence[Standing], mean: HazardCurv
         motions = {tree.measure: intensity[:, None]}
         found += [EventBranch(curve.name, rate, motions) for curve, rate in zip(some, rates, strict=True)]
     branches = tuple(
-        replace(events, name=one.name, weight=one.weight, model=one.model)
-        for events, one in zip(found[:-1], tree.branches, strict=True)
+        replace(events, name=branch.name, weight=branch.weight, model=branch.model)
+        for events, branch in zip(found[:-1], tree.branches, strict=True)
     )
     site = EventSite(tree.site_name or "site", tree.site)
     return EventSet((site,), branches, tree.weights_from, sampled=False, mean=found[-1])

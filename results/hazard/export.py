@@ -48,9 +48,9 @@ def write_openquake(update: Update, folder: Path, ratio: float = 1.0) -> Iterato
     tree, events, weights = update.tree, update.events, update.posterior
     assert weights is not None
     branches = tree.branches if tree else events.branches
-    own_numbers = [getattr(one, "number", None) for one in branches]
+    own_numbers = [getattr(branch, "number", None) for branch in branches]
     numbers = [number if own is None else own for number, own in enumerate(own_numbers)]
-    paths = [getattr(one, "path", "") or one.name for one in branches]
+    paths = [getattr(branch, "path", "") or branch.name for branch in branches]
     places = list(dict.fromkeys(rock.site for rock in update.rocks))
     sites = [(site.name, site.place or (0.0, 0.0)) for site in map(events.sites.__getitem__, places)]
     if tree:
@@ -59,10 +59,11 @@ def write_openquake(update: Update, folder: Path, ratio: float = 1.0) -> Iterato
     for measure in update.rocks[0].fragility.measures:
         levels, rates = update.counted(measure, places)
         after = [
-            statistics_of(levels, one, weights, tree.years if tree else None) for one in rates.swapaxes(0, 1)
+            statistics_of(levels, at_site, weights, tree.years if tree else None)
+            for at_site in rates.swapaxes(0, 1)
         ]
-        kinds = _kinds(numbers, rates, np.array([one.mean for one in after]), {
-            q: np.array([one.fractiles[q] for one in after]) for q in FRACTILES
+        kinds = _kinds(numbers, rates, np.array([statistics.mean for statistics in after]), {
+            q: np.array([statistics.fractiles[q] for statistics in after]) for q in FRACTILES
         })  # fmt: skip
         own = levels if measure in UNSCALED else levels / ratio
         curves.append(_Curves(measure, own, sites, kinds))
@@ -89,21 +90,21 @@ def _write(
     for (number, path), weight in zip(branches.items(), weights, strict=True):
         rows.append([str(number), path, f"{weight:.7e}"])
     yield _written(folder / "realizations.csv", common, rows)
-    for one in measures:
-        imt, per_si = imt_of(one.measure)
-        named = any(name for name, _ in one.sites)
+    for curves in measures:
+        imt, per_si = imt_of(curves.measure)
+        named = any(name for name, _ in curves.sites)
         head = ["custom_site_id"] * named + [
             "lon",
             "lat",
             "depth",
-            *(f"poe-{x:.7f}" for x in one.levels * per_si),
+            *(f"poe-{x:.7f}" for x in curves.levels * per_si),
         ]
-        for kind, rates in one.rates.items():
+        for kind, rates in curves.rates.items():
             header = f"{common}, kind='{kind}', investigation_time={years}, imt='{imt}'"
             lines = [
                 [plain(name)] * named + [f"{degree:.5f}" for degree in place] + ["0.00000"]
                 + [f"{poe:.6E}" for poe in probability_of(rate, years)]
-                for (name, place), rate in zip(one.sites, rates, strict=True)
+                for (name, place), rate in zip(curves.sites, rates, strict=True)
             ]  # fmt: skip
             file = (
                 kind.replace("quantile", "quantile_curve") if "quantile" in kind else f"hazard_curve-{kind}"

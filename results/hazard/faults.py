@@ -66,7 +66,7 @@ def read_faults(path: Path, site: tuple[float, float]) -> list[FaultTrace]:
 
 def _features(document: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:
     if document.get("type") == "FeatureCollection" and isinstance(document.get("features"), list):
-        yield from (one for one in document["features"] if isinstance(one, dict))
+        yield from (feature for feature in document["features"] if isinstance(feature, dict))
     elif document.get("type") == "Feature":
         yield document
     elif "coordinates" in document or "geometries" in document:
@@ -79,8 +79,8 @@ def _lines(geometry: Any) -> Iterator[Sequence[Any]]:
         return
     kind, coordinates = geometry.get("type"), geometry.get("coordinates")
     if kind == "GeometryCollection":
-        for one in geometry.get("geometries") or ():
-            yield from _lines(one)
+        for part in geometry.get("geometries") or ():
+            yield from _lines(part)
     elif kind == "LineString":
         yield coordinates or ()
     elif kind in ("MultiLineString", "Polygon"):

@@ -97,7 +97,9 @@ class GroundMotionModel:
             raise _model_error(
                 "model.vs30_out_of_range", f"a Vs30 of {self.vs30_m_s:g} m/s", expected, "--vs30"
             )
-        options = next((one.options for one in self._class.PARAMS if one.name == "mechanism"), None)
+        options = next(
+            (parameter.options for parameter in self._class.PARAMS if parameter.name == "mechanism"), None
+        )
         if options is not None and self.mechanism not in options:
             raise _model_error(
                 "model.mechanism_unknown",
@@ -133,15 +135,15 @@ class GroundMotionModel:
     @property
     def has_site_term(self) -> bool:
         """Whether the model depends on Vs30; others are for hard rock."""
-        return any(one.name == "v_s30" for one in self._class.PARAMS)
+        return any(parameter.name == "v_s30" for parameter in self._class.PARAMS)
 
     def motion(self, magnitude: ArrayLike, distance_km: ArrayLike) -> tuple[NDArray, NDArray]:
         """Natural logarithm of the median (SI) and sigma, for broadcast magnitudes and distances."""
         pairs = np.broadcast(np.asarray(magnitude, float), np.asarray(distance_km, float))
-        found = np.array([self._one(*pair) for pair in pairs]).reshape(*pairs.shape, 2)
+        found = np.array([self._point(*pair) for pair in pairs]).reshape(*pairs.shape, 2)
         return found[..., 0], found[..., 1]
 
-    def _one(self, magnitude: float, distance_km: float) -> tuple[float, float]:
+    def _point(self, magnitude: float, distance_km: float) -> tuple[float, float]:
         pygmm = importlib.import_module("pygmm")
         rupture_km = math.hypot(distance_km, self.depth_top_km)
         wanted = {
@@ -150,7 +152,7 @@ class GroundMotionModel:
             "depth_tor": self.depth_top_km, "vs_source": self.vs30_source, "depth_hyp": self.hypocentre_km,
             "depth_1_0": self.depth_1_0_km,
         }  # fmt: skip
-        known = {one.name for one in self._class.PARAMS}
+        known = {parameter.name for parameter in self._class.PARAMS}
         with _quiet():
             model = self._class(
                 pygmm.Scenario(
@@ -179,9 +181,9 @@ class GroundMotionModel:
 
     def _limits(self, name: str) -> tuple[float, float] | None:
         """Limits of a parameter as the model states them; None if it has no such parameter, or no limit."""
-        one = next((one for one in self._class.PARAMS if one.name == name), None)
-        low, high = getattr(one, "min", None), getattr(one, "max", None)
-        if one is None or (low is None and high is None):
+        parameter = next((known for known in self._class.PARAMS if known.name == name), None)
+        low, high = getattr(parameter, "min", None), getattr(parameter, "max", None)
+        if parameter is None or (low is None and high is None):
             return None
         return (-math.inf if low is None else float(low), math.inf if high is None else float(high))
 

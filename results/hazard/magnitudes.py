@@ -104,13 +104,13 @@ def motion_grid(
             expected="positive weights that sum to 1",
             remedy="give NAME=WEIGHT for each model",
         )
-    least, most = (end(one.magnitudes[n] for one in models) for n, end in enumerate((max, min)))
-    near, far = (end(one.distances_km[n] for one in models) for n, end in enumerate((max, min)))
+    least, most = (end(model.magnitudes[n] for model in models) for n, end in enumerate((max, min)))
+    near, far = (end(model.distances_km[n] for model in models) for n, end in enumerate((max, min)))
     magnitude = np.linspace(least, most, 1 + round((most - least) / _MAGNITUDE_STEP))
     distance = (
         np.geomspace(near, far, _DISTANCES) if distances_km is None else np.clip(distances_km, near, far)
     )
-    found = [one.motion(magnitude[:, None], distance) for one in models]
+    found = [model.motion(magnitude[:, None], distance) for model in models]
     mean, sigma = (np.array([pair[number] for pair in found]) for number in (0, 1))
     if site_term > (least_sigma := sigma.min()):
         raise InputError(
@@ -184,7 +184,7 @@ def largest_magnitudes(
     excluded, minus infinity where all are), magnitude_low, magnitude_high (95 %, resampled records; null if unknown).
     """
     return _crossings(
-        grid.magnitude, drawn, fragility, lambda one: excess(grid, one, occurrence).T, "distance_km", "magnitude",
+        grid.magnitude, drawn, fragility, lambda curve: excess(grid, curve, occurrence).T, "distance_km", "magnitude",
         grid.distance_km,
     )  # fmt: skip
 
@@ -199,7 +199,7 @@ def least_distances(
     """
     # The excess rises with falling distance, as it does with magnitude.
     table = _crossings(
-        -np.log(grid.distance_km[::-1]), drawn, fragility, lambda one: excess(grid, one, occurrence)[:, ::-1],
+        -np.log(grid.distance_km[::-1]), drawn, fragility, lambda curve: excess(grid, curve, occurrence)[:, ::-1],
         "magnitude", "distance_km", grid.magnitude,
     )  # fmt: skip
     ends = np.exp(-table[["distance_km", "distance_km_low", "distance_km_high"]].to_numpy())
@@ -213,7 +213,7 @@ def _crossings(
     found = _last_allowed(along, excess_of(fragility))
     low = high = np.full(len(rows), math.nan)
     if drawn:
-        values = np.array([_last_allowed(along, excess_of(one)) for one in drawn])
+        values = np.array([_last_allowed(along, excess_of(curve)) for curve in drawn])
         low, high = ends(values)
     return pd.DataFrame({row: rows, name: found, f"{name}_low": low, f"{name}_high": high})
 
@@ -254,10 +254,10 @@ def excluded_bins(
     topples = toppled(there, fragility, one_event(0.5))
     tables = [
         pd.DataFrame({
-            "occurrence": one.name, "magnitude": magnitude, "distance_km": distance, "share": share / share.sum(),
-            "topples": topples, "excluded": toppled(there, fragility, one) >= one.confidence, "beyond_models": beyond,
+            "occurrence": case.name, "magnitude": magnitude, "distance_km": distance, "share": share / share.sum(),
+            "topples": topples, "excluded": toppled(there, fragility, case) >= case.confidence, "beyond_models": beyond,
         }).sort_values("share", ascending=False)
-        for one in occurrences
+        for case in occurrences
     ]  # fmt: skip
     return pd.concat(tables, ignore_index=True)
 
@@ -266,11 +266,11 @@ def bins_words(table: pd.DataFrame) -> list[str]:
     """Lines on the excluded fraction of the hazard and the largest contribution, one per occurrence."""
     lines = []
     for occurrence, rows in table.groupby("occurrence", sort=False):
-        gone = rows[rows["excluded"]]
+        excluded = rows[rows["excluded"]]
         most = rows.iloc[0]
         lines.append(
-            f"{str(occurrence).capitalize()}: {100 * gone['share'].sum():.3g} % of the deaggregated hazard, "
-            f"{len(gone)} of {len(rows)} bins, is of earthquakes that the rock excludes; the largest contribution, "
+            f"{str(occurrence).capitalize()}: {100 * excluded['share'].sum():.3g} % of the deaggregated hazard, "
+            f"{len(excluded)} of {len(rows)} bins, is of earthquakes that the rock excludes; the largest contribution, "
             f"magnitude {most['magnitude']:.2f} at {most['distance_km']:.3g} km, topples it with "
             f"{most['topples']:.2g}"
         )

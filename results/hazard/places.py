@@ -86,6 +86,6 @@ def nearest(sites: Sequence[Place], asked: Place, where: str) -> int:
     return number
 
 
-def same_place(one: Place | None, other: Place | None) -> bool:
+def same_place(first: Place | None, other: Place | None) -> bool:
     """Whether two locations may be the same: nearer than `_SAME_SITE_KM`, or one of them unknown."""
-    return one is None or other is None or bool(distance_km(*one, other) <= _SAME_SITE_KM)
+    return first is None or other is None or bool(distance_km(*first, other) <= _SAME_SITE_KM)

@@ -25,7 +25,7 @@ from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.results.analysis.lognormal import Lognormal, Resampled, Surface, ends
 from toppling.results.analysis.resampling import SAMPLES
-from toppling.results.hazard.ages import AS_NOW, STOUTER, Exposure
+from toppling.results.hazard.ages import AS_NOW, LESS_FRAGILE, Exposure
 from toppling.results.hazard.curves import HazardCurve, continued, events_of_curves
 from toppling.results.hazard.events import EventSet, Fragility, Group, Motions, Standing
 
@@ -71,9 +71,9 @@ def any_topples(rocks: Sequence[Standing], motions: Motions, states: ArrayLike |
     for number, rock in enumerate(rocks):
         felt = {name: values[:, rock.site] for name, values in motions.items()}
         for state in np.unique(wanted[:, number]):
-            if state in (AS_NOW, STOUTER):
-                factor = rock.since.factor if state == STOUTER and rock.since else 1.0
-                part = _log_standing(rock.fragility.stouter(factor), felt)
+            if state in (AS_NOW, LESS_FRAGILE):
+                factor = rock.since.factor if state == LESS_FRAGILE and rock.since else 1.0
+                part = _log_standing(rock.fragility.less_fragile(factor), felt)
                 standing[wanted[:, number] == state] += part
     return -np.expm1(np.maximum(standing, _LEAST_LOGARITHM))
 
@@ -93,13 +93,13 @@ def toppling_rate(curves: Sequence[Lognormal], hazard: HazardCurve) -> float:
     """Annual rate of events that topple at least one of several rocks at a site.
 
     The rate above the hazard curve's last point has the probability at that point; events below its first are not
-    counted (`unstated_shares`).
+    counted (`unstated_fractions`).
     """
     intensity, rates = events_of_curves([hazard], [curve.median for curve in curves])
     return float(together(curves, intensity) @ rates[0])
 
 
-def unstated_shares(curves: Sequence[Lognormal], hazard: HazardCurve) -> tuple[float, float]:
+def unstated_fractions(curves: Sequence[Lognormal], hazard: HazardCurve) -> tuple[float, float]:
     """Fractions of the toppling rate under the `continued` curve from below and above the stated points."""
     stated, whole = (toppling_rate(curves, curve) for curve in (hazard, continued(hazard, curves)))
     if not whole > 0:
@@ -182,7 +182,7 @@ def scale_factors(rocks: Sequence[Standing], events: EventSet, exposure: Exposur
 def _scaled(rocks: Sequence[Standing], log_factor: float) -> list[Standing]:
     """Rocks whose fragility under unscaled motions is that under motions scaled by a factor."""
     factor = math.exp(-log_factor)
-    return [replace(rock, fragility=rock.fragility.stouter(factor)) for rock in rocks]
+    return [replace(rock, fragility=rock.fragility.less_fragile(factor)) for rock in rocks]
 
 
 def _largest_factor(above: Callable[[float], float]) -> float:
@@ -227,7 +227,7 @@ def drawn_together(rocks: Sequence[Standing]) -> tuple[list[list[Any]], Resample
     if not all(drawn):
         return None
     known = [rock.fragility.resampled for rock in rocks if rock.fragility.resampled]
-    return [list(ones) for ones in zip(*drawn, strict=False)], min(known, key=lambda one: one.records)
+    return [list(draw) for draw in zip(*drawn, strict=False)], min(known, key=lambda sample: sample.records)
 
 
 def draws_of(rocks: Sequence[Standing], events: EventSet, exposure: Exposure, chance: float) -> Draws | None:
@@ -243,8 +243,8 @@ def draws_of(rocks: Sequence[Standing], events: EventSet, exposure: Exposure, ch
     levels = ((np.arange(len(curves)) + 0.5) * count / len(curves)).astype(int)
     ages = exposure.years[:, np.random.default_rng(0).permutation(levels)]  # independent of the resamples
     found = [
-        _one_draw(
-            [replace(rock, fragility=one) for rock, one in zip(rocks, fragilities, strict=True)],
+        _draw_of(
+            [replace(rock, fragility=fragility) for rock, fragility in zip(rocks, fragilities, strict=True)],
             events, number, (exposure.states, years), chance,
         )
         for number, (fragilities, years) in enumerate(zip(curves, ages.T, strict=True))
@@ -253,7 +253,7 @@ def draws_of(rocks: Sequence[Standing], events: EventSet, exposure: Exposure, ch
     return Draws(tuple(name for name, varies in vary.items() if varies), records, topplings, factors)
 
 
-def _one_draw(
+def _draw_of(
     rocks: Sequence[Standing],
     events: EventSet,
     number: int,
@@ -338,6 +338,6 @@ def random_rock(rocks: Sequence[Standing]) -> RandomRock | None:
     known = drawn_together(rocks)
     if known is None:
         return RandomRock(curve, within, between, None, beyond)
-    medians = [math.exp(np.mean([math.log(one.median) for one in drawn])) for drawn in known[0]]
+    medians = [math.exp(np.mean([math.log(curve.median) for curve in drawn])) for drawn in known[0]]
     low, high = known[1].interval(np.array(medians))
     return RandomRock(curve, within, between, (float(low), float(high)), beyond)

@@ -117,9 +117,9 @@ class Statistics:
     fractiles: dict[float, Array]  # dict of (n,)
 
 
-def same_levels(one: Array, other: Array) -> bool:
+def same_levels(first: Array, other: Array) -> bool:
     """Whether two curves have the same levels to printed precision."""
-    return len(one) == len(other) and np.allclose(one, other, rtol=1e-6)
+    return len(first) == len(other) and np.allclose(first, other, rtol=1e-6)
 
 
 def common_levels(curves: Sequence[HazardCurve]) -> tuple[Array, Array]:

@@ -31,7 +31,7 @@ from toppling.results.hazard.survival import (
     scale_factors,
     survivals,
     toppling_rate,
-    unstated_shares,
+    unstated_fractions,
 )
 from toppling.results.hazard.tree import (
     FRACTILES,
@@ -190,8 +190,8 @@ class Update:
             ]
         else:
             curves = [rock.curve for rock in self.rocks]
-            shares = [unstated_shares(curves, curve) for curve in self.tree.curves]
-            table["unstated_below"], table["unstated_above"] = zip(*shares, strict=True)
+            fractions = [unstated_fractions(curves, curve) for curve in self.tree.curves]
+            table["unstated_below"], table["unstated_above"] = zip(*fractions, strict=True)
             whole = [continued(curve, curves) for curve in self.tree.curves]
             table["survival_least"] = [self._survival_under(curve) for curve in whole]
         return table.join(self.factors.iloc[:-1].drop(columns="name"))
@@ -253,15 +253,15 @@ class Update:
             for measure in self.rocks[0].fragility.measures
             for levels, rates in [self.counted(measure, [at])]
         ]  # fmt: skip
-        return [one for one in found if len(one.levels)]
+        return [hazard for hazard in found if len(hazard.levels)]
 
     @cached_property
     def _judged(self) -> list[tuple[Exceedance, Statistics, Statistics | None]]:
         """Each hazard, with its mean and fractiles under the prior and the posterior weights."""
         prior, new = self.events.prior, self.posterior
         return [
-            (one, one.statistics(prior), None if new is None else one.statistics(new, after=True))
-            for one in self.exceedances
+            (hazard, hazard.statistics(prior), None if new is None else hazard.statistics(new, after=True))
+            for hazard in self.exceedances
         ]
 
     @property
@@ -282,7 +282,7 @@ class Update:
         if self.tree is not None:
             levels, rates = common_levels(self.tree.curves)
             return levels, rates[:, None]
-        felt = np.concatenate([one.motions[measure][:, sites].ravel() for one in self.events.branches])
+        felt = np.concatenate([branch.motions[measure][:, sites].ravel() for branch in self.events.branches])
         falling = np.sort(felt[felt > 0])[::-1]
         ranks = np.unique(np.geomspace(1, max(len(falling), 1), _LEVELS).round().astype(int))
         levels = np.unique(falling[ranks - 1]) if len(falling) else falling
@@ -291,8 +291,8 @@ class Update:
     def _above(self, measure: str, sites: Sequence[int], levels: Array, power: int) -> Array:
         """Sum of a power of the rates of the events that reach each level, (branches, sites, levels)."""
         return np.array([
-            [_exceeded(one.motions[measure][:, site], one.rate**power, levels) for site in sites]
-            for one in self.events.branches
+            [_exceeded(branch.motions[measure][:, site], branch.rate**power, levels) for site in sites]
+            for branch in self.events.branches
         ])  # fmt: skip
 
     def _drawn_means(self, of: Exceedance) -> Array | None:
@@ -313,14 +313,16 @@ class Update:
         Returns DataFrame: measure, site, level (SI); rate_prior_* and rate_posterior_* (mean, p05, p16, p50, p84, p95:
         over branches), rate_posterior_mean_low and _high (95 %, over all draws), change_percent (of the mean rate).
         """
-        return _stacked([self._updated(*one) for one in self._judged])
+        return _stacked([self._updated(*judged) for judged in self._judged])
 
     def _updated(self, of: Exceedance, before: Statistics, after: Statistics | None) -> pd.DataFrame:
         table = pd.DataFrame({"measure": of.measure, "site": of.site, "level": of.levels})
-        for name, one in (("prior", before), ("posterior", after)):
-            table[f"rate_{name}_mean"] = math.nan if one is None else one.mean
+        for name, curves in (("prior", before), ("posterior", after)):
+            table[f"rate_{name}_mean"] = math.nan if curves is None else curves.mean
             for q in FRACTILES:
-                table[f"rate_{name}_p{round(100 * q):02}"] = math.nan if one is None else one.fractiles[q]
+                table[f"rate_{name}_p{round(100 * q):02}"] = (
+                    math.nan if curves is None else curves.fractiles[q]
+                )
         table["rate_posterior_mean_low"] = table["rate_posterior_mean_high"] = math.nan
         if (means := self._drawn_means(of)) is not None:
             table["rate_posterior_mean_low"], table["rate_posterior_mean_high"] = self._interval(means)
@@ -337,7 +339,7 @@ class Update:
         the mean's motion), rate_change_percent (of the mean's rate at the prior's motion). Null where a curve does not
         reach the rate.
         """
-        return _stacked([self._changes(*one) for one in self._judged])
+        return _stacked([self._changes(*judged) for judged in self._judged])
 
     def _changes(self, of: Exceedance, before: Statistics, after: Statistics | None) -> pd.DataFrame:
         means = self._drawn_means(of)
@@ -429,13 +431,13 @@ def _levels_table(update: Update) -> pd.DataFrame:
         return pd.DataFrame()
     tables = []
     for level, chosen in level_choices([branch.path for branch in update.tree.branches]).items():
-        shares = pd.DataFrame({
+        weights = pd.DataFrame({
             "choice": chosen, "prior_weight": update.events.prior, "posterior_weight": update.posterior,
         }).groupby("choice", as_index=False).sum()  # fmt: skip
-        moved = 0.5 * (shares["posterior_weight"] - shares["prior_weight"]).abs().sum()
-        shares.insert(0, "moved", moved)
-        shares.insert(0, "level", level)
-        tables.append(shares)
+        moved = 0.5 * (weights["posterior_weight"] - weights["prior_weight"]).abs().sum()
+        weights.insert(0, "moved", moved)
+        weights.insert(0, "level", level)
+        tables.append(weights)
     return _stacked(sorted(tables, key=lambda table: -table["moved"].iloc[0]))
 
 
@@ -484,7 +486,7 @@ def leave_one_out(update: Update) -> pd.DataFrame:
         return pd.DataFrame()
     tables = []
     for number, rock in enumerate(rocks):
-        others = [one for place, one in enumerate(rocks) if place != number]
+        others = [rock for place, rock in enumerate(rocks) if place != number]
         left = replace(stood, states=np.delete(stood.states, number, axis=1))
         alive = survivals(others, events, left)[:-1]
         chance = events.prior @ alive

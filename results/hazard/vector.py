@@ -86,11 +86,11 @@ def joint_rate(first: HazardCurve, second: HazardCurve, scatter: float) -> tuple
     reached = np.append((rates[1:] + rates[:-1]) / 2, rates[-1] / 2)
     centre, misfit = _coupled(second, part, reached, scatter)
     stated = (x >= math.log(first.intensity[0])) & (part > 0)
-    nodes, shares = np.polynomial.hermite_e.hermegauss(_NODES)
+    nodes, weights = np.polynomial.hermite_e.hermegauss(_NODES)
     values = np.exp(centre[stated, None] + scatter * nodes)
     events = EventBranch(
         f"{first.name} with {second.name}",
-        (part[stated, None] * shares / shares.sum()).ravel(),
+        (part[stated, None] * weights / weights.sum()).ravel(),
         {
             first.measure: np.repeat(np.exp(x[stated]), _NODES)[:, None],
             second.measure: values.reshape(-1, 1),

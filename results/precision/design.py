@@ -32,7 +32,7 @@ _RANDOM_FRACTION = 0.15
 _OUTSIDE = 1.0 / 3.0
 """Fraction of the distance from the informative probabilities to 0 and to 1 within which a record still gets designed
 jobs; a record that no level of the campaign brings so near has only jobs at random levels."""
-_LEAST_JOBS, _LEAST_OF_EACH = 48, 5
+_LEAST_JOBS, _LEAST_PER_ANSWER = 48, 5
 """Minimum number of jobs, and of jobs of each answer, before a statement may end a run."""
 _SLOPE_VARIANCE, _SHARP_JOBS = 0.05, 300
 """Relative variance of the slope above which a narrow interval is not trusted, because the curve may be steep by
@@ -105,7 +105,7 @@ def judge(pool: Pool, observed: Mapping[str, Answers], target: Target, precision
     found = estimate(curve, target, len(pool.rows), spread)
     known = replace(unknown, measure=measure, curve=curve, estimate=found)
     steep = curve.slope_variance / _SLOPE_VARIANCE
-    if jobs < _LEAST_JOBS or least < _LEAST_OF_EACH or (steep > 1.0 and jobs < _SHARP_JOBS):
+    if jobs < _LEAST_JOBS or least < _LEAST_PER_ANSWER or (steep > 1.0 and jobs < _SHARP_JOBS):
         return replace(known, jobs_needed=math.ceil(jobs * max(min(steep, 2.0), 1.0)))
     known = replace(known, departure=departure(curve, observed[measure]))
     if found.precision <= precision and _reaches(pool, curve, measure, target):
@@ -161,9 +161,9 @@ def choose(pool: Pool, chosen: _Numbers, size: int, seed: int, verdict: Verdict,
     free = ~np.isin(pool.rows, chosen)
     visits = (~free).sum(axis=(1, 2))
     random = np.random.default_rng([seed, len(chosen)])
-    low, high = target.shares
+    low, high = target.informative_range
     # Stratified: each round covers the range evenly.
-    shares = low + (high - low) * (random.permutation(size) + random.random(size)) / size
+    probabilities = low + (high - low) * (random.permutation(size) + random.random(size)) / size
     at_random = random.random(size) < _RANDOM_FRACTION
     curve, log_x = verdict.curve, pool.log_x[verdict.measure]
     tells = np.ones(log_x.shape, bool)
@@ -171,7 +171,7 @@ def choose(pool: Pool, chosen: _Numbers, size: int, seed: int, verdict: Verdict,
         expected = ndtr(curve.coefficients[0] + curve.coefficients[1] * log_x)
         tells = (expected > _OUTSIDE * low) & (expected < 1.0 - _OUTSIDE * (1.0 - high))
     found: list[int] = []
-    for index, (share, random_level) in enumerate(zip(shares, at_random, strict=True)):
+    for index, (share, random_level) in enumerate(zip(probabilities, at_random, strict=True)):
         open_records = np.asarray(free.any(axis=(1, 2)))
         if not open_records.any():
             break

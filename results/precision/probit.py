@@ -76,7 +76,7 @@ class Curve:
     jobs: int
     records: float
     # Number of ordered pairs of jobs of one record, over the square of the number of jobs.
-    pairs_share: float
+    pairs_fraction: float
 
     @property
     def median(self) -> float:
@@ -152,7 +152,7 @@ def fit_curve(answers: Answers) -> Curve:
         log_likelihood=log_likelihood,
         jobs=len(eta),
         records=effective_number(weight[counts > 0] / counts[counts > 0]),
-        pairs_share=float((counts * (counts - 1)).sum()) / len(eta) ** 2,
+        pairs_fraction=float((counts * (counts - 1)).sum()) / len(eta) ** 2,
     )
 
 
@@ -194,19 +194,19 @@ def _prior_slope(design: Array, answers: Answers, coefficients: Array) -> Array:
         return 0.5 * float(np.linalg.slogdet(information)[1])
 
     shifts = _DIFFERENCE * np.eye(2)
-    ends = [(log_det(coefficients + one), log_det(coefficients - one)) for one in shifts]
+    ends = [(log_det(coefficients + shift), log_det(coefficients - shift)) for shift in shifts]
     return np.array([(high - low) / (2.0 * _DIFFERENCE) for high, low in ends])
 
 
 def _terms(design: Array, answers: Answers, eta: Array) -> tuple[Array, Array, float]:
     """Information (n, 2, 2) and score (n, 2) of each job, and the total log-likelihood."""
     log_density, above, below = -0.5 * eta**2 - LOG_ROOT_2_PI, log_ndtr(eta), log_ndtr(-eta)
-    each = np.where(answers.toppled > 0.5, above, below)
+    log_p = np.where(answers.toppled > 0.5, above, below)
     sign = np.where(answers.toppled > 0.5, 1.0, -1.0)
-    score = answers.weight * sign * np.exp(log_density - each)
+    score = answers.weight * sign * np.exp(log_density - log_p)
     information = answers.weight * probit_weights(eta)[1]
     outer = design[:, :, None] * design[:, None, :]
-    return information[:, None, None] * outer, score[:, None] * design, float(answers.weight @ each)
+    return information[:, None, None] * outer, score[:, None] * design, float(answers.weight @ log_p)
 
 
 def _pairs(information: Array, score: Array, record: NDArray[np.int64]) -> Array:
@@ -247,9 +247,9 @@ class Departure:
     @property
     def words(self) -> str:
         """Clause for the statement."""
-        shares = f"{100 * self.observed:.0f} % of {self.jobs} jobs topple where it says {100 * self.expected:.0f} %"
+        comparison = f"{100 * self.observed:.0f} % of {self.jobs} jobs topple where it says {100 * self.expected:.0f} %"
         p = f"p = {self.p_value:.1g}" if self.p_value >= _LEAST_P else f"p below {_LEAST_P:g}"
-        return f"the curve is no lognormal: {shares} ({p})"
+        return f"the curve is no lognormal: {comparison} ({p})"
 
 
 def _p_value(curve: Curve, answers: Answers) -> float:

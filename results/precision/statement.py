@@ -86,9 +86,9 @@ def statements_of(run: Path) -> list[dict[str, Any]]:
 
 def sentences(statements: Sequence[Mapping[str, Any]]) -> list[str]:
     """Summary for a reader: one sentence per contact."""
-    said = [one["sentence"] for one in statements]
-    if len(said) > 1:
+    texts = [statement["sentence"] for statement in statements]
+    if len(texts) > 1:
         under = "with friction {friction_static:g} and restitution {restitution:g} "
-        said = [under.format(**one["contact"]) + one["sentence"] for one in statements]
+        texts = [under.format(**statement["contact"]) + statement["sentence"] for statement in statements]
     names = tuple(SHORT_NAMES.values())
-    return [one if one.startswith(names) else one[0].upper() + one[1:] for one in said]
+    return [text if text.startswith(names) else text[0].upper() + text[1:] for text in texts]

@@ -14,7 +14,7 @@ from toppling.results.hazard.survival import toppling_rate
 from toppling.results.precision.probit import Curve
 from toppling.results.schema import SCHEMA, SHORT_NAMES, describe
 
-_SHARES = {"median": 0.5, "p05": 0.05, "p95": 0.95}
+_PROBABILITIES = {"median": 0.5, "p05": 0.05, "p95": 0.95}
 """Toppling probability of each target that is an intensity."""
 
 _USUAL_CORRELATION, _USUAL_PAIRS = 0.5, 30.0
@@ -29,7 +29,7 @@ _USUAL_BETA = 0.4
 class Target:
     """A quantity derived from a fragility curve."""
 
-    # One of `_SHARES`, "probability" (at an intensity), or "rate" (of failure under a hazard curve).
+    # One of `_PROBABILITIES`, "probability" (at an intensity), or "rate" (of failure under a hazard curve).
     name: str = "median"
     # Column of the results; None for the best predictor. Required for a probability or a rate.
     measure: str | None = None
@@ -37,7 +37,7 @@ class Target:
     hazard: HazardCurve | None = None
 
     @property
-    def shares(self) -> tuple[float, float]:
+    def informative_range(self) -> tuple[float, float]:
         """Range of toppling probabilities in which jobs are most informative on the target."""
         if self.name == "median":
             return 0.25, 0.75
@@ -52,9 +52,9 @@ class Target:
         Log thresholds of records are normal with standard deviation beta; the variance of the quantile z is that of
         the mean times 1 + z^2 / 2.
         """
-        if self.name not in _SHARES or records < 2:
+        if self.name not in _PROBABILITIES or records < 2:
             return None
-        wider = math.sqrt(1.0 + 0.5 * float(ndtri(_SHARES[self.name])) ** 2)
+        wider = math.sqrt(1.0 + 0.5 * float(ndtri(_PROBABILITIES[self.name])) ** 2)
         return float(stdtrit(records - 1, 0.975)) * _USUAL_BETA * wider / math.sqrt(records)
 
     def score(self, coefficients: Array) -> float:
@@ -70,7 +70,7 @@ class Target:
             assert self.hazard is not None
             curve = Lognormal(self.hazard.measure, math.exp(-a / b), 1.0 / b)
             return math.log(max(toppling_rate([curve], self.hazard), 1e-300))
-        return float((ndtri(_SHARES[self.name]) - a) / b)
+        return float((ndtri(_PROBABILITIES[self.name]) - a) / b)
 
     def value(self, score: float) -> float:
         """Convert a score to the target in its own unit."""
@@ -113,12 +113,12 @@ class Estimate:
     scale: float  # precision over Student's factor times the standard error on the target's scale
 
 
-def _share_of_records(curve: Curve, independent: float, pairs: float) -> float:
+def _record_correlation(curve: Curve, independent: float, pairs: float) -> float:
     """Correlation of two jobs of one record in their influence on a target; tends to the prior for few pairs."""
-    count = 0.5 * curve.pairs_share * curve.jobs**2
+    count = 0.5 * curve.pairs_fraction * curve.jobs**2
     if not count:
         return _USUAL_CORRELATION
-    pair_weight = min(pairs / (independent * curve.pairs_share * curve.jobs), 1.0)
+    pair_weight = min(pairs / (independent * curve.pairs_fraction * curve.jobs), 1.0)
     return (count * pair_weight + _USUAL_PAIRS * _USUAL_CORRELATION) / (count + _USUAL_PAIRS)
 
 
@@ -132,7 +132,7 @@ def estimate(curve: Curve, target: Target, records: int, spread: BaseSpread | No
     independent, added = curve.variances(target.score)
     pairs = max(added, 0.0)
     half = curve.student() * math.sqrt(independent + pairs)
-    floor = _share_of_records(curve, independent, pairs) * independent * curve.jobs / max(records, 1)
+    floor = _record_correlation(curve, independent, pairs) * independent * curve.jobs / max(records, 1)
     of_base = 0.0
     if spread is not None:
         shift = np.array([math.sqrt(spread.variance), 0.0])

@@ -9,7 +9,7 @@ import pandas as pd
 
 from toppling.models.scene import Scene
 from toppling.results.analysis.lognormal import Lognormal
-from toppling.results.analysis.side_by_side import Beside, Shared
+from toppling.results.analysis.side_by_side import RockResults, Shared
 from toppling.results.drawing.report.document import Document, heading, page, paragraph, safe
 from toppling.results.drawing.roses import wind_of
 from toppling.results.drawing.sentences import interval_words
@@ -38,7 +38,7 @@ _COLUMNS = {
 def gallery_page(
     title: str,
     atlases: Sequence[Run],
-    rocks: Sequence[Beside],
+    rocks: Sequence[RockResults],
     shared: Shared,
     measure: str,
     folder: Path,
@@ -77,7 +77,7 @@ def gallery_page(
     return page(f"toppling: {title}", first, sections)
 
 
-def summary(rocks: Sequence[Beside], shared: Shared, measure: str) -> list[str]:
+def summary(rocks: Sequence[RockResults], shared: Shared, measure: str) -> list[str]:
     """What an atlas says, in a few sentences."""
     drawn = sorted(((rock.curve, rock) for rock in rocks if rock.curve), key=lambda both: both[0].median)
     several, have = "s" if len(rocks) != 1 else "", "has" if len(drawn) == 1 else "have"
@@ -104,7 +104,7 @@ def _at(curve: Lognormal) -> str:
     return median if curve.is_beyond_shaken else f"at {median}"
 
 
-def _card(rock: Beside, document: Document, measure: str, folder: Path) -> str:
+def _card(rock: RockResults, document: Document, measure: str, folder: Path) -> str:
     unit, row = printed_unit(measure), rock.row
     median = rock.why_not if rock.curve is None else f"half topple {_at(rock.curve)} {unit}"
     if rock.curve is not None:

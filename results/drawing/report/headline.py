@@ -12,10 +12,10 @@ from toppling.results.analysis.audit_statistics import audits_of
 from toppling.results.analysis.bases import narrowed_by
 from toppling.results.analysis.fits import FEW_TOPPLED
 from toppling.results.analysis.lognormal import Lognormal
-from toppling.results.analysis.ranking import observed_shares
+from toppling.results.analysis.ranking import observed_fractions
 from toppling.results.analysis.unphysical import unphysical_of
 from toppling.results.drawing import constraint_words
-from toppling.results.drawing.fit_figures import draw_curve, draw_shares
+from toppling.results.drawing.fit_figures import draw_curve, draw_fractions
 from toppling.results.drawing.report.content import CONFIDENCE, Contact, Content
 from toppling.results.drawing.report.document import Document, heading, paragraph, safe
 from toppling.results.drawing.sentences import percent, what_topples
@@ -163,8 +163,8 @@ def _headline_figure(content: Content, width_in: float) -> Figure:
         else:
             axes, right = figure.subplots(2, 1, height_ratios=(2, 1))
         if curve is None:
-            observed = observed_shares(contact.known, "level_pga_m_s2")
-            draw_shares(axes, observed, "value", "probability", fmt="o", ms=3, lw=0.8, color=MAIN_COLOUR)
+            observed = observed_fractions(contact.known, "level_pga_m_s2")
+            draw_fractions(axes, observed, "value", "probability", fmt="o", ms=3, lw=0.8, color=MAIN_COLOUR)
             axes.set(xlabel=measure_label("level_pga_m_s2"), ylabel="share toppled", ylim=(0, 1))
             axes.set_title(f"{contact.toppled} of {len(contact.known):,} shakings topple it")
             return figure
@@ -176,7 +176,7 @@ def _headline_figure(content: Content, width_in: float) -> Figure:
 
 def _draw_headline(axes: Axes, content: Content, curve: Lognormal) -> None:
     """Fragility curve with what the standing rock rejects."""
-    draw_curve(axes, curve, observed_shares(content.chief.known, curve.measure))
+    draw_curve(axes, curve, observed_fractions(content.chief.known, curve.measure))
     left, right = axes.get_xlim()
     if curve.median < right:
         axes.plot([curve.median, curve.median, left], [0, 0.5, 0.5], "--", color="0.3", lw=0.8)

@@ -162,7 +162,7 @@ def _fits_section(content: Content, document: Document) -> str:
     parts = []
     if (curve := contact.best) is not None:
         calibrated = ranking.calibration(contact.known, ranking.out_of_fold(contact.known, [curve.measure]))
-        observed = ranking.observed_shares(contact.known, curve.measure)
+        observed = ranking.observed_fractions(contact.known, curve.measure)
         data = curve, observed, contact.ranking, calibrated, contact.toppled
         caption = (
             f"Left: lognormal fragility over {short_name(curve.measure)}, the measure that predicts best "

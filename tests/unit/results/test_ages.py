@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from refusals import refused
 
 from toppling.models.errors import InputError
-from toppling.results.hazard.ages import STOUTER, Since, exposure, joint_ages, parse_age, parse_since
+from toppling.results.hazard.ages import LESS_FRAGILE, Since, exposure, joint_ages, parse_age, parse_since
 
 RATE = 1e-4
 
@@ -135,13 +135,13 @@ def test_a_common_relative_error_correlates_ages_as_its_share_of_their_variance(
     ("age", "since", "at_risk"),
     [
         ("20000", "8000", 8000),  # it was buried before
-        ("20000", "8000:1.5", 8000 + 12000 / 10),  # it was stouter before, and toppled a tenth as often
+        ("20000", "8000:1.5", 8000 + 12000 / 10),  # it was less fragile before, and toppled a tenth as often
         ("5000", "8000", 5000),  # of a date before the rock stood nothing follows
     ],
 )
 def test_a_rock_counts_with_its_own_rate_before_and_after_it_became_fragile(age, since, at_risk):
     late = exposure(joint_ages([parse_age(age)]), [parse_since(since)])
-    rates = np.where(late.states[:, 0] == STOUTER, RATE / 10, RATE)
+    rates = np.where(late.states[:, 0] == LESS_FRAGILE, RATE / 10, RATE)
     assert late.survival(rates) == pytest.approx(math.exp(-at_risk * RATE))
 
 

@@ -202,11 +202,11 @@ def survival_of(*arguments):
 
 def test_a_rock_once_stouter_lies_between_one_that_was_buried_and_one_that_was_not(rocks, curve):
     asked = [rocks[0], "--hazard", curve, "--age", "12000"]
-    stouter = survival_of(*asked, "--fragile-since", "4000:1.5")
-    assert survival_of(*asked) < stouter < survival_of(*asked, "--fragile-since", "4000")
+    less_fragile = survival_of(*asked, "--fragile-since", "4000:1.5")
+    assert survival_of(*asked) < less_fragile < survival_of(*asked, "--fragile-since", "4000")
     # A power law: motions that topple 1.5 times stronger are 1.5^2.5 times rarer.
     rate = told_by(*asked)["branches"][0]["toppling_rate"]
-    assert stouter == pytest.approx(math.exp(-rate * (4000 + 8000 / 1.5**2.5)), rel=0.01)
+    assert less_fragile == pytest.approx(math.exp(-rate * (4000 + 8000 / 1.5**2.5)), rel=0.01)
 
 
 def test_a_common_error_of_the_dates_widens_what_they_leave(rocks, curve):

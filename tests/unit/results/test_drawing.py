@@ -17,7 +17,7 @@ from toppling.models.scene import Scene
 from toppling.models.trajectory import Trajectory
 from toppling.results.analysis.fits import answered, headline
 from toppling.results.analysis.fragility import contact_words
-from toppling.results.analysis.ranking import calibration, compare_measures, observed_shares, out_of_fold
+from toppling.results.analysis.ranking import calibration, compare_measures, observed_fractions, out_of_fold
 from toppling.results.analysis.regression import fit
 from toppling.results.drawing.fit_figures import fit_figure
 from toppling.results.drawing.record_figures import records_figure, scatter, upper_limit
@@ -115,7 +115,7 @@ def test_a_picture_of_too_few_topplings_says_so_and_ranks_nothing(jobs, toppled,
     curve = fit(jobs, ["pgv_m_s"]).lognormal
     ranking = compare_measures(jobs, [["pgv_m_s"], ["pga_m_s2"]], samples=20)
     calibrated = calibration(jobs, out_of_fold(jobs, ["pgv_m_s"]))
-    figure = fit_figure(curve, observed_shares(jobs, "pgv_m_s"), ranking, calibrated, toppled)
+    figure = fit_figure(curve, observed_fractions(jobs, "pgv_m_s"), ranking, calibrated, toppled)
     left, middle, _ = figure.axes
     assert ("too few topplings" in left.get_title()) != is_ranked
     assert any("too few topplings" in text.get_text() for text in middle.texts) != is_ranked

@@ -14,7 +14,7 @@ from toppling.results.analysis.lognormal import Lognormal, lognormal_interval
 from toppling.results.analysis.ranking import (
     calibration,
     compare_measures,
-    observed_shares,
+    observed_fractions,
     out_of_fold,
     scores,
 )
@@ -241,7 +241,7 @@ def one_heavy_half(jobs):
 
 def test_a_weighted_fit_is_held_against_shares_of_the_same_weights(one_heavy_half):
     curve = fit(one_heavy_half, ["pgv_m_s"]).lognormal
-    told = observed_shares(one_heavy_half, "pgv_m_s")
+    told = observed_fractions(one_heavy_half, "pgv_m_s")
     inside = curve.probability(told["value"]).clip(told["wilson_low"], told["wilson_high"])
     # Intervals of 60 records hold the shares of 285 jobs; a bin is wide where the curve bends, hence 0.02.
     np.testing.assert_allclose(inside, curve.probability(told["value"]), atol=0.02)
@@ -249,7 +249,7 @@ def test_a_weighted_fit_is_held_against_shares_of_the_same_weights(one_heavy_hal
 
 def test_shares_are_weighted_means_with_the_effective_number_of_records_behind_them():
     frame = tiny([1.0, 1.0, 4.0], [True, True, False]).assign(record_weight=[1.0, 1.0, 2.0])
-    told = observed_shares(frame, "pgv_m_s", bins=1).iloc[0]
+    told = observed_fractions(frame, "pgv_m_s", bins=1).iloc[0]
     assert told["probability"] == pytest.approx(0.5)
     assert told["value"] == pytest.approx(2.0)
     # Kish: (1 + 1 + 2)^2 / (1 + 1 + 4) records.

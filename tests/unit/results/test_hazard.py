@@ -14,7 +14,7 @@ from toppling.results.drawing.hazard_figures import constraint_figure, hazard_fi
 from toppling.results.hazard.ages import age_given, exposure, joint_ages, parse_age
 from toppling.results.hazard.curves import NODES_PER_E_FOLD, HazardCurve, continued
 from toppling.results.hazard.events import Standing
-from toppling.results.hazard.survival import inconsistent_rate, toppling_rate, unexceeded, unstated_shares
+from toppling.results.hazard.survival import inconsistent_rate, toppling_rate, unexceeded, unstated_fractions
 from toppling.results.hazard.tree import Branch, HazardTree, branch_weights
 from toppling.results.hazard.update import Update
 
@@ -149,8 +149,8 @@ def test_rocks_with_unlike_numbers_of_samples_are_drawn_together_as_far_as_both_
 
 
 def test_a_hazard_curve_that_ends_too_early_says_what_it_may_miss():
-    assert unstated_shares([ROCK], power_law())[1] < 1e-6
-    assert unstated_shares([ROCK], power_law(high=1.0))[1] > 0.4
+    assert unstated_fractions([ROCK], power_law())[1] < 1e-6
+    assert unstated_fractions([ROCK], power_law(high=1.0))[1] > 0.4
 
 
 @pytest.mark.parametrize("curves", [[ROCK], [ROCK, Lognormal("pgv_m_s", 0.9, 0.2)]], ids=["one", "two"])
@@ -159,18 +159,18 @@ def test_a_power_law_that_begins_too_late_says_what_share_of_the_rate_it_leaves_
     late, whole = power_law(exponent=3.0, low=low), power_law(exponent=3.0)
     counted, rate = toppling_rate(curves, late), toppling_rate(curves, whole)
     # Both sums have the midpoint rule's error of 2.3e-6; four of them.
-    assert unstated_shares(curves, late)[0] == pytest.approx(1 - counted / rate, abs=1e-5)
+    assert unstated_fractions(curves, late)[0] == pytest.approx(1 - counted / rate, abs=1e-5)
     assert toppling_rate(curves, continued(late, curves)) == pytest.approx(rate, rel=1e-5)
 
 
 def test_a_curve_that_is_flat_at_its_first_point_leaves_out_nothing_below():
     flat = HazardCurve("flat", "pgv_m_s", np.array([0.8, 1.0, 9.0]), np.array([0.01, 0.01, 1e-5]))
-    assert unstated_shares([ROCK], flat)[0] == pytest.approx(0.0, abs=1e-12)  # a difference of sums
+    assert unstated_fractions([ROCK], flat)[0] == pytest.approx(0.0, abs=1e-12)  # a difference of sums
 
 
 def test_a_first_segment_however_steep_gives_a_share():
     steep = HazardCurve("steep", "pgv_m_s", np.array([1.0, 1.1, 9.0]), np.array([1.0, 1e-4, 1e-5]))
-    assert 0.9 < unstated_shares([Lognormal("pgv_m_s", 1.0, 0.8)], steep)[0] <= 1.0
+    assert 0.9 < unstated_fractions([Lognormal("pgv_m_s", 1.0, 0.8)], steep)[0] <= 1.0
 
 
 def test_what_a_curve_leaves_out_at_its_end_counts_as_toppling_where_it_is_continued():

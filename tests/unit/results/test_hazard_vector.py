@@ -174,4 +174,4 @@ def test_a_stouter_surface_takes_stronger_motions():
     surface = SURFACES[0]
     motions = {PGA: np.array([3.0]), PGV: np.array([0.4])}
     stronger = {name: 1.5 * values for name, values in motions.items()}
-    assert surface.stouter(1.5).probability(stronger) == pytest.approx(surface.probability(motions))
+    assert surface.less_fragile(1.5).probability(stronger) == pytest.approx(surface.probability(motions))

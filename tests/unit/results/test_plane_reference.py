@@ -36,7 +36,7 @@ def test_a_rock_that_is_not_at_rest_stands_on_its_outermost_contact_points_in_ev
     monkeypatch.setattr(plane_reference, "support_polygon_m", lambda rock, pedestal: support)
     cut = section_along(scene, 0.0)
     np.testing.assert_allclose(cut.arms_m, [[-0.2, 0.6], [0.2, 0.6]], atol=1e-9)
-    assert 0.05 - 1e-9 <= cut.beside_m <= 0.2 + 1e-9
+    assert 0.05 - 1e-9 <= cut.offset_m <= 0.2 + 1e-9
     assert section_along(scene, 90.0) is None  # all contact points lie on one side
     assert "0 degrees" in next(iter(plane_reference.notes({0.0: cut})))
     assert "beyond all contact points along 90 degrees" in next(iter(plane_reference.notes({90.0: None})))

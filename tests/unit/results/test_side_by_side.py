@@ -26,7 +26,7 @@ from toppling.orchestrator.run_folder import prepare
 from toppling.orchestrator.task import lost_row
 from toppling.results.analysis.side_by_side import (
     ARROW_M,
-    beside_each_other,
+    compare_rocks,
     directions_geojson,
     geojson,
     on_earth,
@@ -86,7 +86,7 @@ def atlas(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def compared(atlas):
-    return beside_each_other(open_run(atlas).rocks, "pga_m_s2", SAMPLES)
+    return compare_rocks(open_run(atlas).rocks, "pga_m_s2", SAMPLES)
 
 
 def beyond(rock):
@@ -167,7 +167,7 @@ def test_records_are_shared_by_content_and_levels_by_value(compared):
 
 def test_a_fit_to_what_is_shared_rests_on_nothing_else(atlas):
     rocks = [rock for rock in open_run(atlas).rocks if rock.rock != "silent"]
-    found, shared = beside_each_other(rocks, "pga_m_s2", SAMPLES, only_shared=True)
+    found, shared = compare_rocks(rocks, "pga_m_s2", SAMPLES, only_shared=True)
     assert {rock.row["records"] for rock in found} == {len(shared.records)}
 
 

@@ -18,7 +18,7 @@ from toppling.results.analysis.regression import fit
 from toppling.results.analysis.resampling import bootstrap
 from toppling.results.reader import open_run
 from toppling.results.store import write_part
-from toppling.results.weights import WEIGHTS_FILE, Weights, unweighed, weighed
+from toppling.results.weights import WEIGHTS_FILE, Weights, unweighted_rows, weighted_rows
 
 CONTACT = (1.0, 1.0, 0.0)
 
@@ -36,12 +36,12 @@ def on_bases(count=2, **how):
 
 def test_weights_that_are_equal_leave_the_rows_as_they_are():
     frame = on_bases()
-    assert weighed(frame, weights_of(1.0, 1.0)) is frame
+    assert weighted_rows(frame, weights_of(1.0, 1.0)) is frame
 
 
 def test_a_base_of_weight_2_counts_as_if_its_jobs_were_there_twice_in_cells_and_fits():
     frame = on_bases(records=12, levels=range(1, 16, 2))
-    heavy = weighed(frame, weights_of(2.0, 1.0))
+    heavy = weighted_rows(frame, weights_of(2.0, 1.0))
     copies = pd.concat([frame, frame[frame["base"] == 0]], ignore_index=True)
     plane = PLANES["pga_pgv"]
     assert cells(heavy, plane)["probability"].to_numpy() == pytest.approx(
@@ -56,14 +56,14 @@ def test_jobs_of_one_record_and_measure_on_unlike_bases_count_each_by_its_weight
     twins = pd.concat(
         [frame.assign(base=0), frame.assign(base=1, toppled=~frame["toppled"])], ignore_index=True
     )
-    nearly_one = weighed(twins, weights_of(1e9, 1.0))
+    nearly_one = weighted_rows(twins, weights_of(1e9, 1.0))
     assert fit(answered(nearly_one), ["pgv_m_s"]).coefficients == pytest.approx(
         fit(answered(frame), ["pgv_m_s"]).coefficients, rel=1e-4
     )
 
 
 def test_weights_within_records_leave_the_number_of_records_as_it_is():
-    frame = weighed(on_bases(records=10), weights_of(1.9, 0.1)).assign(pool=0)
+    frame = weighted_rows(on_bases(records=10), weights_of(1.9, 0.1)).assign(pool=0)
     effective = effective_records(frame.assign(weight=frame["record_weight"]), ["pool"])
     assert effective.iloc[0] == pytest.approx(10.0)
 
@@ -71,7 +71,7 @@ def test_weights_within_records_leave_the_number_of_records_as_it_is():
 def test_the_nominal_scene_has_the_mean_weight():
     frame = on_bases()
     frame.loc[:9, "base"] = pd.NA
-    found = weighed(frame, weights_of(1.5, 0.5))
+    found = weighted_rows(frame, weights_of(1.5, 0.5))
     assert (found.loc[:9, "base_weight"] == 1.0).all()
     assert sorted(found["base_weight"].unique()) == pytest.approx([0.5, 1.0, 1.5])
 
@@ -81,23 +81,25 @@ def test_weights_of_bases_and_of_records_are_multiplied_and_come_apart_again():
     by_record = frame.assign(
         record_weight=frame["record_id"].map({f"R{n:03d}": 0.4 * (n + 1) for n in range(4)})
     )
-    both = weighed(by_record, weights_of(1.5, 0.5))
+    both = weighted_rows(by_record, weights_of(1.5, 0.5))
     expected = by_record["record_weight"] * np.where(frame["base"] == 0, 1.5, 0.5)
     assert both["record_weight"].to_numpy() == pytest.approx(expected.to_numpy())
-    assert unweighed(both)["record_weight"].to_numpy() == pytest.approx(by_record["record_weight"].to_numpy())
-    assert "record_weight" not in unweighed(weighed(frame, weights_of(1.5, 0.5)))
+    assert unweighted_rows(both)["record_weight"].to_numpy() == pytest.approx(
+        by_record["record_weight"].to_numpy()
+    )
+    assert "record_weight" not in unweighted_rows(weighted_rows(frame, weights_of(1.5, 0.5)))
 
 
 def test_one_contact_does_not_lend_another_its_weights():
     frame = pd.concat([on_bases(), on_bases(friction=0.5)], ignore_index=True)
     other = (0.5, 0.5, 0.0)
     both = Weights({CONTACT: np.array([1.5, 0.5]), other: np.array([0.5, 1.5])}, "the rock stood quake")
-    found = weighed(frame, both)
+    found = weighted_rows(frame, both)
     rough = found["friction_static"] == 1.0
     assert set(found[rough & (found["base"] == 0)]["base_weight"]) == {1.5}
     assert set(found[~rough & (found["base"] == 0)]["base_weight"]) == {0.5}
     with refused("run.contact_without_weights", "0.5"):
-        weighed(frame, weights_of(1.5, 0.5))
+        weighted_rows(frame, weights_of(1.5, 0.5))
 
 
 def test_weights_come_back_from_disk_and_a_flipped_bit_is_told(tmp_path):

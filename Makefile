@@ -51,7 +51,7 @@ examples: demo/scene  ## the programs of examples/ on the demo's inputs, a few m
 TESTS := "not slow and not thorough"
 CLUSTERS := 2
 SLOWEST := --durations 60 --durations-min 2
-test: setup  ## the fast tests, at most five minutes on two cores
+test: setup  ## the fast tests, at most four minutes on two cores
 	$(BIN)/python -m pytest -m $(TESTS) $(SLOWEST) --numprocesses logical --dist worksteal --ignore tests/cluster --ignore tests/end_to_end
 	$(BIN)/python -m pytest -m $(TESTS) $(SLOWEST) --numprocesses $(CLUSTERS) --dist loadfile tests/cluster
 

@@ -6,6 +6,7 @@ python -m benchmarks.error_codes
 import ast
 import re
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 from pages import put
@@ -35,8 +36,13 @@ def table() -> str:
     return "\n".join(lines)
 
 
-def raised() -> Iterator[tuple[str, str, str, str]]:
+@cache
+def raised() -> tuple[tuple[str, str, str, str], ...]:
     """Room, code, what is wrong and remedy (empty where they are no constant) of each place that names a code."""
+    return tuple(_raised())
+
+
+def _raised() -> Iterator[tuple[str, str, str, str]]:
     trees = {
         path: ast.parse(path.read_text("utf-8"))
         for room in ROOMS
@@ -72,10 +78,14 @@ def _makers(tree: ast.Module) -> Iterator[str]:
 def _calls(scope: ast.AST, makers: set[str]) -> Iterator[ast.Call]:
     """Calls of a function, or outside of all, that make an error; those of functions within it aside."""
     for node in ast.iter_child_nodes(scope):
-        if isinstance(node, ast.Call) and node.args and ast.unparse(node.func).split(".")[-1] in makers:
+        if isinstance(node, ast.Call) and node.args and _name(node.func) in makers:
             yield node
         if not isinstance(node, ast.FunctionDef):
             yield from _calls(node, makers)
+
+
+def _name(node: ast.AST) -> str:
+    return getattr(node, "attr", getattr(node, "id", ""))
 
 
 def _codes(node: ast.AST) -> list[str]:

@@ -244,12 +244,6 @@ peak_displacement_m = 0.5
 """
 
 
-def _read_campaign(folder: Path) -> Any:
-    campaign = Campaign.read(folder / "campaign.toml")
-    campaign.check_jobs(1)
-    return [*campaign.pga_m_s2, *campaign.azimuth_deg, *campaign.restitution]
-
-
 def _write_run(folder: Path) -> None:
     _write_scene(folder)
     _write_ensemble(folder)
@@ -306,36 +300,25 @@ def _written_all(**texts: str) -> Callable[[Path], None]:
     return write
 
 
-def _read_tree(folder: Path) -> Any:
+def _read_hazard(path: Path, hints: Hints | None = None) -> Any:
+    trees = read_hazard(path, hints=hints or Hints())
     return [
         value
-        for tree in read_hazard(folder)
+        for tree in trees
         for branch in tree.branches
-        for value in (branch.weight, *branch.curve.levels)
+        for value in (branch.weight, *branch.curve.levels, *branch.curve.annual_rate)
     ]
 
 
-def _read_hazard(folder: Path) -> Any:
-    (path,) = folder.iterdir()
-    return [
-        value
-        for tree in read_hazard(path)
-        for one in tree.curves
-        for value in (*one.levels, *one.annual_rate)
-    ]
+def _read_campaign(path: Path) -> Any:
+    campaign = Campaign.read(path)
+    campaign.check_jobs(1)
+    return [*campaign.pga_m_s2, *campaign.azimuth_deg, *campaign.restitution]
 
 
-def _read_nshmp(folder: Path) -> Any:
-    (path,) = folder.iterdir()
-    return [
-        x
-        for tree in read_hazard(path, hints=Hints(measure="pga_m_s2", years=0.0))
-        for x in tree.curves[0].levels
-    ]
-
-
-def _written(name: str, text: str) -> Callable[[Path], None]:
-    return lambda folder: (folder / name).write_text(text)
+def _of_file(name: str, text: str, read: Callable[[Path], Any]) -> Reader:
+    """Of one file of text, which is read by its path."""
+    return Reader(lambda folder: (folder / name).write_text(text), lambda folder: read(folder / name))
 
 
 DEAGGREGATION = (
@@ -384,71 +367,71 @@ READERS: dict[str, Reader] = {
         for name, write in WRITERS.items()
     },
     "StationXML": Reader(_write_station_xml, _read_station_xml),
-    "metadata table": Reader(
-        _written("table.csv", TABLE), lambda folder: [e.time_step_s for e in read_table(folder / "table.csv")]
+    "metadata table": _of_file(
+        "table.csv", TABLE, lambda path: [each.time_step_s for each in read_table(path)]
     ),
-    "deaggregation of nshmp-haz": Reader(
-        _written("bins.csv", NSHMP_BINS),
-        lambda folder: [each.contribution for each in read_deaggregation(folder / "bins.csv").bins],
+    **{
+        f"deaggregation{of}": _of_file(
+            "bins.csv", text, lambda path: [b.contribution for b in read_deaggregation(path).bins]
+        )
+        for of, text in (
+            ("", DEAGGREGATION),
+            (" of nshmp-haz", NSHMP_BINS),
+            (" of OpenQuake", OPENQUAKE_BINS),
+        )
+    },
+    "outline": _of_file(
+        "outline.csv",
+        "x,y,z\n0,0,0\n1,0,0\n1,1,0.1\n0,1,0\n",
+        lambda path: InterfaceHint.outline(path).anchors_m,
     ),
-    "deaggregation of OpenQuake": Reader(
-        _written("bins.csv", OPENQUAKE_BINS),
-        lambda folder: [each.contribution for each in read_deaggregation(folder / "bins.csv").bins],
+    "places of contact": _of_file(
+        "contact.csv",
+        "x,y,z,kind\n0,0,0,touch\n1,0,0,daylight\n",
+        lambda path: inspection_of(path).touching_m,
     ),
-    "deaggregation": Reader(
-        _written("bins.csv", DEAGGREGATION),
-        lambda folder: [each.contribution for each in read_deaggregation(folder / "bins.csv").bins],
+    "control points": _of_file(
+        "points.csv",
+        "".join(f"{x},{y},{x * y},{x + 9},{y},{x * y}\n" for x in (0, 1) for y in (0, 2)),
+        lambda path: placement_of(gcp=path).shift_m,
     ),
-    "outline": Reader(
-        _written("outline.csv", "x,y,z\n0,0,0\n1,0,0\n1,1,0.1\n0,1,0\n"),
-        lambda folder: InterfaceHint.outline(folder / "outline.csv").anchors_m,
+    "hints": _of_file(
+        "hints.toml",
+        'near = [1.5, 2.0]\npoint = ["1.0,2.0,3.5"]\nunits = "m"\n',
+        lambda path: plain("near", read_hints(path)["near"]),
     ),
-    "places of contact": Reader(
-        _written("contact.csv", "x,y,z,kind\n0,0,0,touch\n1,0,0,daylight\n"),
-        lambda folder: inspection_of(folder / "contact.csv").touching_m,
+    "fault traces": _of_file(
+        "faults.geojson", FAULTS, lambda path: [one.distance_km for one in read_faults(path, (-118.0, 34.0))]
     ),
-    "control points": Reader(
-        _written(
-            "points.csv", "".join(f"{x},{y},{x * y},{x + 9},{y},{x * y}\n" for x in (0, 1) for y in (0, 2))
-        ),
-        lambda folder: placement_of(gcp=folder / "points.csv").shift_m,
+    "events": _of_file(
+        "events.csv",
+        "annual_rate,PGA (g),PGV (cm/s)\n0.01,0.1,5.0\n0.001,0.4,30.0\n",
+        lambda path: [len(branch.rate) for branch in read_events(path).branches],
     ),
-    "hints": Reader(
-        _written("hints.toml", 'near = [1.5, 2.0]\npoint = ["1.0,2.0,3.5"]\nunits = "m"\n'),
-        lambda folder: plain("near", read_hints(folder / "hints.toml")["near"]),
-    ),
-    "fault traces": Reader(
-        _written("faults.geojson", FAULTS),
-        lambda folder: [one.distance_km for one in read_faults(folder / "faults.geojson", (-118.0, 34.0))],
-    ),
-    "events": Reader(
-        _written("events.csv", "annual_rate,PGA (g),PGV (cm/s)\n0.01,0.1,5.0\n0.001,0.4,30.0\n"),
-        lambda folder: [len(branch.rate) for branch in read_events(folder / "events.csv").branches],
-    ),
-    "table of rocks": Reader(
-        _written("rocks.csv", "scene,longitude,latitude,age,friction\na,-118.0,34.0,15 ka,0.7\n"),
-        lambda folder: [one.friction for one in read_sites(folder / "rocks.csv")],
+    "table of rocks": _of_file(
+        "rocks.csv",
+        "scene,longitude,latitude,age,friction\na,-118.0,34.0,15 ka,0.7\n",
+        lambda path: [one.friction for one in read_sites(path)],
     ),
     "scene": Reader(_write_scene, _read_scene),
     "scene.json": Reader(_write_scene, _read_scene, ("scene.json",)),
     "ensemble": Reader(_write_ensemble, _read_ensemble),
-    "campaign": Reader(_written("campaign.toml", CAMPAIGN), _read_campaign),
+    "campaign": _of_file("campaign.toml", CAMPAIGN, _read_campaign),
     "run": Reader(_write_run, _read_run, ("run.json", "run.log")),
     **{
         f"curves{suffix}": Reader(_write_curves(suffix), _read_curves) for suffix in (".xml", ".csv", ".json")
     },
-    "hazard": Reader(_written("site.csv", HAZARD), _read_hazard),
-    "hazard of OpenQuake": Reader(_written("site.csv", OPENQUAKE), _read_hazard),
-    "hazard of nshmp-haz": Reader(_written("total.csv", NSHMP), _read_nshmp),
-    "hazard of CyberShake": Reader(
-        _written("USC_ERF36_Run9306_SA_3sec_RotD50_2022_12_21.txt", CYBERSHAKE), _read_hazard
+    "hazard": _of_file("site.csv", HAZARD, _read_hazard),
+    "hazard of OpenQuake": _of_file("site.csv", OPENQUAKE, _read_hazard),
+    "hazard of nshmp-haz": _of_file(
+        "total.csv", NSHMP, lambda path: _read_hazard(path, Hints(measure="pga_m_s2", years=0.0))
     ),
-    "hazard of the web service": Reader(_written("answer.json", SERVICE), _read_hazard),
+    "hazard of CyberShake": _of_file(
+        "USC_ERF36_Run9306_SA_3sec_RotD50_2022_12_21.txt", CYBERSHAKE, _read_hazard
+    ),
+    "hazard of the web service": _of_file("answer.json", SERVICE, _read_hazard),
     "hazard's realisations": Reader(
-        _written_all(realizations__csv=REALISATIONS, curve__csv=REALISATION), _read_tree
+        _written_all(realizations__csv=REALISATIONS, curve__csv=REALISATION), _read_hazard
     ),
-    "ages": Reader(
-        _written("ages.csv", "years,weight\n15000,1\n20000,2\n"),
-        lambda folder: parse_age(str(folder / "ages.csv")),
-    ),
+    "ages": _of_file("ages.csv", "years,weight\n15000,1\n20000,2\n", lambda path: parse_age(str(path))),
 }

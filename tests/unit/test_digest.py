@@ -63,15 +63,6 @@ def test_the_digest_of_a_text_inside_does_not_stand_for_the_file(tmp_path):
     assert read_table(outer).schema.metadata[b"zz"] == inner.read_bytes()
 
 
-def test_json_keeps_its_content_and_a_changed_one_is_refused(tmp_path):
-    path = tmp_path / "a.json"
-    digest.write_json(path, {"a": [1, {"b": "ü"}]})
-    assert digest.read_json(path) == {"a": [1, {"b": "ü"}]}
-    path.write_text(path.read_text().replace("1", "2"))
-    with refused("file.damaged", "'digest'"):
-        digest.read_json(path)
-
-
 def test_a_scene_that_is_edited_on_purpose_is_read_without_the_line_of_the_digest(tmp_path, caplog):
     folder = Scene.block(0.2, 0.2, 0.6, friction=0.8).save(tmp_path / "scene")
     path = folder / "scene.json"
@@ -106,14 +97,14 @@ def test_each_byte_of_a_file_is_covered(tmp_path, suffix, monkeypatch):
 @pytest.mark.parametrize("changed", [False, True])
 def test_a_json_is_whole_whatever_ends_its_lines_and_damaged_by_anything_else(tmp_path, changed):
     path = tmp_path / "run.json"
-    digest.write_json(path, {"jobs": 96, "rock": "Echo"})
+    digest.write_json(path, {"jobs": 96, "rock": "Échö"})
     content = path.read_bytes().replace(b"\n", b"\r\n")
     path.write_bytes(content.replace(b"96", b"97") if changed else content)
     if changed:
         with refused("file.damaged", path):
             digest.read_json(path)
     else:
-        assert digest.read_json(path) == {"jobs": 96, "rock": "Echo"}
+        assert digest.read_json(path) == {"jobs": 96, "rock": "Échö"}
 
 
 @pytest.mark.parametrize(

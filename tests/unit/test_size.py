@@ -4,8 +4,6 @@ import ast
 from functools import cache
 from pathlib import Path
 
-import pytest
-
 import toppling
 
 ROOT = Path(__file__).parents[2]
@@ -85,22 +83,3 @@ def test_no_signature_has_more_than_seven_parameters_but_of_verbs_and_public_con
         if not may_take_many(node)
     }
     assert over(sizes, PARAMETERS) == {}
-
-
-@pytest.mark.parametrize(
-    ("source", "many"),
-    [
-        ("@click.command()\ndef scan(a): ...", True),
-        ("@records.command('import')\ndef import_(a): ...", True),
-        ("@classmethod\ndef of(cls, a): ...", True),
-        ("@classmethod\ndef _of(cls, a): ...", False),
-        ("def helper(a): ...", False),
-    ],
-)
-def test_only_verbs_and_public_constructors_may_take_many(source, many):
-    assert may_take_many(ast.parse(source).body[0]) is many
-
-
-def test_parameters_by_name_and_place_count_and_self_does_not():
-    (function,) = ast.parse("def f(self, a, /, b, *, c): ...").body
-    assert parameters(function) == 3

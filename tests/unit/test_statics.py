@@ -348,14 +348,13 @@ def test_another_friction_leaves_the_restitution_as_it_is():
     assert scene.contact == ContactProperties(0.7, 0.7, 0.3)
 
 
-@pytest.mark.parametrize("pair", [(0.8, 0.6), [0.8, 0.6], np.array([0.8, 0.6])])
-def test_a_pair_of_frictions_may_be_any_sequence(pair):
-    assert ContactProperties.of(pair) == ContactProperties(0.8, 0.6)
-
-
-@pytest.mark.parametrize("coefficient", [1, 1.0, np.float32(1.0), np.int64(1)])
-def test_one_friction_may_be_any_number(coefficient):
-    assert ContactProperties.of(coefficient) == ContactProperties(1.0, 1.0)
+@pytest.mark.parametrize(
+    ("given", "pair"),
+    [*((pair, (0.8, 0.6)) for pair in ((0.8, 0.6), [0.8, 0.6], np.array([0.8, 0.6]))),
+     *((one, (1.0, 1.0)) for one in (1, 1.0, np.float32(1.0), np.int64(1)))],
+)  # fmt: skip
+def test_friction_may_be_any_number_or_sequence_of_two(given, pair):
+    assert ContactProperties.of(given) == ContactProperties(*pair)
 
 
 def test_a_mesh_is_taken_as_a_pair_as_lists_or_as_a_trimesh_alike():

@@ -133,11 +133,6 @@ def against_eqsig(acceleration, step):
     assert duration_between_shares_s(acceleration**2, step) == pytest.approx(end - start, abs=2 * step)
 
 
-def test_measures_agree_with_eqsig_on_a_synthetic_record():
-    motion = synthetic_ensemble(1, 9)[0].motion
-    against_eqsig(np.array(motion.acceleration_m_s2[:, 0]), motion.time_step_s)
-
-
 @pytest.mark.parametrize(("step_s", "first_m_s2", "seed"), [(0.005, 0.0, 1), (0.01, 0.2, 2)])
 def test_measures_agree_with_eqsig_on_noise_that_may_begin_amidst_the_shaking(step_s, first_m_s2, seed):
     """An agency's record may begin late; two integrations make the noise's velocity and displacement."""

@@ -13,7 +13,7 @@ from seeded import rows
 
 from toppling.orchestrator.cli import cli
 from toppling.results.analysis.fits import answered
-from toppling.results.analysis.fragility import PLANES, cells, effective_records
+from toppling.results.analysis.fragility import effective_records
 from toppling.results.analysis.regression import fit
 from toppling.results.analysis.resampling import bootstrap
 from toppling.results.reader import open_run
@@ -37,18 +37,6 @@ def on_bases(count=2, **how):
 def test_weights_that_are_equal_leave_the_rows_as_they_are():
     frame = on_bases()
     assert weighted_rows(frame, weights_of(1.0, 1.0)) is frame
-
-
-def test_a_base_of_weight_2_counts_as_if_its_jobs_were_there_twice_in_cells_and_fits():
-    frame = on_bases(records=12, levels=range(1, 16, 2))
-    heavy = weighted_rows(frame, weights_of(2.0, 1.0))
-    copies = pd.concat([frame, frame[frame["base"] == 0]], ignore_index=True)
-    plane = PLANES["pga_pgv"]
-    assert cells(heavy, plane)["probability"].to_numpy() == pytest.approx(
-        cells(copies, plane)["probability"].to_numpy()
-    )
-    ours, theirs = (fit(answered(one), ["pgv_m_s"]) for one in (heavy, copies))
-    assert ours.coefficients == pytest.approx(theirs.coefficients, rel=1e-6)
 
 
 def test_jobs_of_one_record_and_measure_on_unlike_bases_count_each_by_its_weight():

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from motion_samples import COUNT, STEP_S, shaking
 from refusals import left_out, refused
 
@@ -10,7 +12,6 @@ from toppling.models.motions.importing import ImportOptions, import_records
 from toppling.models.motions.metadata import read_table
 
 A = shaking()
-UP_NORTH_EAST = A[:, [2, 1, 0]]
 AS_IT_IS = ImportOptions(process=False)
 NAMED = "Time (s),EW (m/s2),NS (m/s2),UD (m/s2)"
 WITHIN_M_S2 = 1e-5
@@ -29,107 +30,101 @@ def rows(motion=A, before=seconds, end="\n"):
     return "".join(f"{before(n)}{','.join(f'{x:.6f}' for x in row)}{end}" for n, row in enumerate(motion))
 
 
-def parted(separator, text, decimal="."):
-    """Another separator, and another decimal sign, where blanks or commas part numbers with points."""
-    return text.replace(",", separator).replace(".", decimal)
-
-
-def clock(n):
-    return f"2016-04-1{5 + n // 300}T{'00:00' if n >= 300 else '23:59'}:{(57 + n * STEP_S) % 60:05.2f}Z,"
+def clock(zone):
+    return lambda n: [
+        f"2016-04-1{5 + n // 300}T{'00:00' if n >= 300 else '23:59'}:{(57 + n * STEP_S) % 60:05.2f}{zone}"
+    ]
 
 
 def half_day(n):
-    return f"03/14/2023 {'12:00' if n >= 300 else '11:59'}:{(57 + n * STEP_S) % 60:05.2f} {'PA'[n < 300]}M,"
+    return [f"03/14/2023 {'12:00' if n >= 300 else '11:59'}:{(57 + n * STEP_S) % 60:05.2f} {'PA'[n < 300]}M"]
 
 
 def date_and_time(n):
     s = 86398.0 + n * STEP_S  # past midnight
-    return f"01.03.2024;{int(s // 3600) % 24:02d}:{int(s // 60) % 60:02d}:{s % 60:05.2f};"
+    return ["01.03.2024", f"{int(s // 3600) % 24:02d}:{int(s // 60) % 60:02d}:{s % 60:05.2f}"]
 
 
-def since_1970(base, ticks):
-    return lambda n: f"{base + ticks * n},"
+def multiples_of(unit_s):
+    return lambda n: [f"{n * STEP_S / unit_s:.2f}" if unit_s > 1e-3 else f"{n * STEP_S / unit_s:.0f}"]
 
 
-def zone(name):
-    return lambda n: f"2024-01-01T16:{n // 6000:02}:{n // 100 % 60:02}.{n % 100:02}{name},"
+TIMES = {
+    **{name: ("", [name], multiples_of(1.0)) for name in ("Time (s)", "Zeit [s]", "t / s", "t", "epoch")},
+    "milliseconds": ("", ["time (ms)"], multiples_of(1e-3)),
+    "microseconds": ("", ["Time (microseconds)"], multiples_of(1e-6)),
+    "minutes": ("", ["t (min)"], lambda n: [f"{n * STEP_S / 60.0:.6f}"]),
+    "numbered": ("", ["no", "Tempo (s)"], lambda n: [str(n), f"{n * STEP_S:.2f}"]),
+    "ms since 1970": ("", ["timestamp"], lambda n: [str(1700000000000 + 10 * n)]),
+    **{name: ("", [name], lambda n: [str(1700000000000000000 + 10**7 * n)]) for name in ("t_ns", "time")},
+    "half a day": ("", ["datetime"], half_day),
+    "a date": ("", ["date time"], lambda n: [f"14.03.2023 10:00:{n * STEP_S:05.2f}"]),
+    **{f"{date} and time": ("", [date, "Time"], date_and_time) for date in ("Date", "Datum", "fecha")},
+    **{f"a clock {zone}": ("", ["time"], clock(zone)) for zone in ("Z", "+09:00", "-07:00", "")},
+    "a rate": ("SITE CODE= 47\nSAMPLING RATE= 100Hz\n", [], lambda n: []),
+    "a converter's rate": ("Sampling rate ADC16: 100 Hz\n", [], lambda n: []),
+    "an interval": ("PLACE : X\nSAMPLING INTERVAL(sec) : 0.01\n\n", [], lambda n: []),
+    "intervals": ("INTERVALO DE MUESTREO, C1-C3 (s) : /.01/.01/.01\n", [], lambda n: []),
+    "a step and numbers": ("# dt: 0.01 s\n", ["n"], lambda n: [str(n)]),
+}
+"""What tells the time: the text above, the names of columns, and what stands in them."""
+
+DIRECTIONS = [
+    ("E", "N", "Z"), ("EW", "NS", "UD"), ("East", "North", "Up"), ("HNE", "HNN", "HNZ"), ("-W", "-S", "-DOWN"),
+    ("Acc. 090", "Acc. 000", "Acc. Up"), ("acc_ew", "acc_ns", "acc_ud"), ("a_E", "a_N", "a_Z"), ("EO", "NS", "UD"),
+    ("Beschleunigung Ost", "Beschleunigung Nord", "Beschleunigung Vertikal"), ("Est", "Nord", "Verticale"),
+    ("Aceleración E-O", "Aceleración N-S", "Aceleración V"), ("Este-Oeste", "Norte-Sur", "Vertical"),
+    ("East-West", "North-South", "Vertical"), ("东西", "南北", "竖向"),
+]  # fmt: skip
+UNITS = {"m/s2": 1.0, "m/s^2": 1.0, "m/s/s": 1.0, "cm/s²": 0.01, "Gal": 0.01, "g": 9.80665}
+FACTORS = {"10^-2 m/s2": 0.01, "×10⁻³ g": 9.80665e-3, "2e-3 g": 0.0196133}
+SAID = {
+    "({})": "", "[{}]": "", "in {}": "", "above": "# units: {}\n", "as a field": "# field_unit: UTC, {}\n",
+    "in Spanish": "# Aceleracion en {}\n", "beside a scale": "# full scale 4 g; units: {}\n", "below": "", "first": "",
+}  # fmt: skip
+"""Where the unit is said: in each name, in a line above, or in a line of units below or above the names."""
 
 
-HEAD_OF_COUNTERS = (
-    "PLACE : X\nSAMPLING INTERVAL(sec) : 0.01\nRAW PGA (gal): 3\n\nACCELERATION (m/s2)\n  E-W    N-S    U-D\n"
-)
-SEMICOLONS = {number: ";".join(f"{x:.6f}" for x in row) for number, row in enumerate(A)}
+@st.composite
+def columns(draw):
+    """The motion in columns, said in a way in which programs and people do."""
+    said = draw(st.sampled_from([*SAID]))
+    in_names = "{}" in said
+    units = UNITS | (FACTORS if said == "({})" else {})
+    units = {unit: one for unit, one in units.items() if "m/s" in unit or not said.startswith("in ")}
+    unit = draw(st.sampled_from([*units]))
+    above, times, before = TIMES[draw(st.sampled_from([*TIMES] if in_names or SAID[said] else ["t"]))]
+    # Where no time stands before it, a column N counts.
+    names = draw(st.sampled_from(DIRECTIONS[not times :]))
+    order = draw(st.permutations(range(3)))
+    separator, sign = draw(st.sampled_from([",.", ";.", ";,", "\t.", "\t,"]))
+    sign = "." if all(cell.isdigit() for cell in before(1)) else sign  # whole numbers and commas are refused
+    quote = draw(st.sampled_from(["", '"']))
+    motion, named = A[:, order], [names[place] for place in order]
+    if draw(st.booleans()) and in_names:
+        motion, named = np.column_stack([motion, np.linalg.norm(motion, axis=1)]), [*named, "Resultant"]
+    heads = [[*times, *(f"{name} {said.format(unit)}" if in_names else name for name in named)]]
+    if not in_names and not SAID[said]:
+        heads.insert(said == "below", ["s", *[unit] * len(named)])
+    cells = [
+        [*before(n), *(f"{x:.7f}".replace(".", sign) for x in row)]
+        for n, row in enumerate(motion / units[unit])
+    ]
+    lines = [separator.join(f"{quote}{cell}{quote}" for cell in row) for row in (*heads, *cells)]
+    if draw(st.booleans()):
+        lines.insert(150, "# S waves")
+    return above + SAID[said].format(unit) + "\n".join(lines) + "\n"
+
+
 AXES = ",AccX (m/s2),AccY (m/s2),AccZ (m/s2),GyrX (rad/s),Temp (C)\n"
 SIX = np.hstack([A, A[:, :2]])
 RESULTANT = np.column_stack([A, np.linalg.norm(A, axis=1)])
 GLUED = 0.9 * A / np.abs(A).max()
-
-SAME = {
-    # what counts or tells the time
-    "numbered": "no," + NAMED + "\n" + rows(before=lambda n: f"{n},{n * STEP_S:.2f},"),
-    "numbered, ms": ",time (ms)" + NAMED[8:] + "\n" + rows(before=lambda n: f"{n},{n * STEP_S * 1000:g},"),
-    "microseconds": "Time (microseconds)" + NAMED[8:] + "\n" + rows(before=lambda n: f"{n * STEP_S * 1e6:.0f},"),
-    "a clock": "time" + NAMED[8:] + "\n" + rows(before=clock),
-    "a rate": "SITE CODE= 47\nSAMPLING RATE= 100Hz\nUNIT = m/s2\nEW,NS,UD\n" + rows(before=uncounted),
-    "dt above": "# dt: 0.01 s\nn" + NAMED[8:] + "\n" + rows(before=lambda n: f"{n},"),
-    "an interval": HEAD_OF_COUNTERS + rows(before=uncounted),
-    "units above": "# units: m/s^2\nt,EW,NS,UD\n" + rows(),
-    "half a day": "datetime" + NAMED[8:] + "\n" + rows(before=half_day),
-    "a date": "date time" + NAMED[8:] + "\n" + rows(before=lambda n: f"14.03.2023 10:00:{n * STEP_S:05.2f},"),
-    "units first": "s,m/s2,m/s2,m/s2\ntime,east,north,up\n" + rows(),
-    "units in brackets": "Time,Acc_EW,Acc_NS,Acc_UD\n(s),(m/s2),(m/s2),(m/s2)\n" + rows(),
-    "field_unit": "# field_unit: UTC, m/s**2\nTime,EW,NS,UD\n" + rows(),
-    "units in words": "Time,EW m/s/s,NS in m/s2,Acc. UD m/s^2\n" + rows(),
-    "full scale": "# full scale 4 g; units: m/s2\nTime,EW,NS,UD\n" + rows(),
-    "Spanish": "# Aceleracion en m/s^2\nTime,EW,NS,UD\n" + rows(),
-    "slashes": "INTERVALO DE MUESTREO, C1-C3 (s) : /.01/.01/.01\nUNIDAD : m/s2\nEW,NS,UD\n" + rows(before=uncounted),
-    "ADC16": "Sampling rate ADC16: 100 Hz\nunits: m/s2\nEW,NS,UD\n" + rows(before=uncounted),
-    "a remark amid": NAMED + "\n" + rows(before=lambda n: ("# S waves\n" if n == 150 else "") + seconds(n)),
-    "timestamp": "timestamp" + AXES + rows(SIX, since_1970(1700000000000, 10)),
-    "t_ns": "t_ns" + AXES + rows(SIX, since_1970(1700000000000000000, 10**7)),
-    "time in ns": "time" + AXES + rows(SIX, since_1970(1700000000000000000, 10**7)),
-    **{
-        f"zone {name}": "time,E (m/s2),N (m/s2),Z (m/s2)\n" + rows(before=zone(name))
-        for name in ("Z", "+09:00", "-07:00", "")
-    },
-    **{
-        f"{date} and time": f"{date};Time;EW (m/s2);NS (m/s2);UD (m/s2)\n"
-        + "".join(f"{date_and_time(n)}{SEMICOLONS[n]}\n" for n in range(COUNT))
-        for date in ("Date", "Datum", "fecha")
-    },
-    # units in the names, or in a line below them
-    **{
-        f"E ({unit})": f"t,E ({unit}),N ({unit}),UP ({unit})\n" + rows(A / one)
-        for unit, one in (
-            ("g", 9.80665), ("cm/s²", 0.01), ("m/s^2", 1.0), ("10^-2 m/s2", 0.01), ("×10⁻³ g", 9.80665e-3),
-            ("2e-3 g", 0.01961330),
-        )
-    },
-    **{
-        f"below: {units}": f"{'# ' * units.startswith('#')}Time,EW,NS,UD\n{units}\n" + rows(A * 100)
-        for units in ("s,cm/s2,cm/s2,cm/s2", "(s),(cm/s²),(cm/s²),(cm/s²)", "sec, Gal, Gal, Gal",
-                      "# s,cm/s2,cm/s2,cm/s2")
-    },
-    # other languages
-    **{
-        names: names + "\n" + rows()
-        for names in (
-            "Zeit (s),Beschleunigung Ost (m/s2),Beschleunigung Nord (m/s2),Beschleunigung Vertikal (m/s2)",
-            "Tiempo (s),Aceleración E-O (m/s2),Aceleración N-S (m/s2),Aceleración V (m/s2)",
-            "t (s),Este-Oeste (m/s2),Norte-Sur (m/s2),Vertical (m/s2)",
-            "Tempo (s),Est (m/s2),Nord (m/s2),Verticale (m/s2)",
-            "时间(s),东西(m/s2),南北(m/s2),竖向(m/s2)",
-            "t / s,a_E / m s^-2,a_N / m s^-2,a_Z / m s^-2",
-        )
-    },
-    # what stands beside the components, between the numbers and below them
-    "a phone": "Time (s),Linear Acceleration x (m/s^2),Linear Acceleration y (m/s^2),Linear Acceleration z (m/s^2),"
+PHONES = [
+    *(f"{name}{AXES}" + rows(SIX, lambda n, of=name: f"{TIMES[of][2](n)[0]},") for name in ("t_ns", "time")),
+    "Time (s),Linear Acceleration x (m/s^2),Linear Acceleration y (m/s^2),Linear Acceleration z (m/s^2),"
     "Absolute acceleration (m/s^2)\n" + rows(RESULTANT),
-    "a resultant": NAMED + ",Resultant (m/s2)\n" + rows(RESULTANT),
-    "decimal commas beside times with points": "time (s);E (m/s2);N (m/s2);Z (m/s2)\n"
-    + "".join(f"{n * STEP_S:.6f};{SEMICOLONS[n].replace('.', ',')}\n" for n in range(COUNT)),
-}  # fmt: skip
-"""Texts of one motion: in each the time, the unit and the directions are said another way."""
+]
 
 REFUSED = {
     **{
@@ -192,30 +187,31 @@ def samples(path):
     return np.column_stack([component.acceleration_m_s2 for component in read_file(path)])
 
 
-@pytest.mark.parametrize("text", SAME.values(), ids=SAME)
-def test_a_motion_is_the_same_whatever_tells_its_time_unit_and_directions(text, tmp_path):
-    of_a_phone = "x (m/s" in text.lower()
-    check_same(import_records([written(tmp_path, text)], options=AS_IT_IS), north_known=not of_a_phone)
+@settings(max_examples=80)
+@given(columns())
+def test_a_motion_is_the_same_whatever_tells_its_time_unit_and_directions(tmp_path_factory, text):
+    path = written(tmp_path_factory.mktemp("columns"), text)
+    check_same(import_records([path], options=AS_IT_IS))
 
 
-@pytest.mark.parametrize("comma", [True, False])
+@pytest.mark.parametrize("text", PHONES)
+def test_a_phones_axes_are_components_of_unknown_azimuth(text, tmp_path):
+    check_same(import_records([written(tmp_path, text)], options=AS_IT_IS), north_known=False)
+
+
+@pytest.mark.parametrize("separator", [", ", " "])
 @pytest.mark.parametrize(
     "header",
     [
-        "Time (s),UD (m/s2),NS (m/s2),EW (m/s2)", "Time [s], Up [m/s2], North [m/s2], East [m/s2]",
         "Time (s) UD (m/s2) NS (m/s2) EW (m/s2)", "# t UD NS EW", "# from a shake table\n# t, UD, NS, EW",
-        "time,HNZ,HNN,HNE", "\ufefft,acc_Z,acc_N,acc_E", '"Time","Acc. Up","Acc. 000","Acc. 090"',
-        "t, -DOWN, -S, -W", "Zeit [s];UD [m/s2];NS [m/s2];EW [m/s2]",
-        "Time (s),Vertical (m/s^2),North-South (m/s^2),East-West (m/s^2)", "time,acc_ud_m_s2,acc_ns_m_s2,acc_ew_m_s2",
-        "epoch,up_m_s2,north_m_s2,east_m_s2", "unix_time,UD (m/s2),NS (m/s2),EO (m/s2)",
+        "\ufefft,acc_Z,acc_N,acc_E", "time,acc_ud_m_s2,acc_ns_m_s2,acc_ew_m_s2", "time_s,up_m_s2,north_m_s2,east_m_s2",
         "# units= m/s^2\n# orientation= UP,0,90\n#\n# Column 4: component (+ is 090)",
-        "time_s,up_m_s2,north_m_s2,east_m_s2", "Time (s),Up (m/s2),North (m/s2),East (m/s2),",
-        "Station ROCK\nrecorded at night\nTime (s),UD,NS,EW",
+        "Time (s),Up (m/s2),North (m/s2),East (m/s2),", "Station ROCK\nrecorded at night\nTime (s),UD,NS,EW",
         '"Time (s)","Acc, UD (m/s2)","Acc, NS (m/s2)","Acc, EW (m/s2)"',
     ],
 )  # fmt: skip
-def test_columns_are_the_components_of_their_names_in_any_order(header, comma, tmp_path):
-    text = parted(", " if comma else " ", rows(UP_NORTH_EAST))
+def test_columns_are_the_components_of_their_names_whatever_parts_them(header, separator, tmp_path):
+    text = rows(A[:, [2, 1, 0]]).replace(",", separator)
     check_same(by_table(written(tmp_path, f"{header}\n{text}")))
 
 
@@ -247,12 +243,6 @@ def test_a_unit_of_the_table_that_contradicts_the_names_is_refused_with_its_row(
     left_out(
         by_table(path, unit="gal"), "record.unit_contradicted", "0.01 m/s2", "9.80665 m/s2", "table.csv:2"
     )
-
-
-@pytest.mark.parametrize(("unit", "one_s"), [("ms", 1000.0), ("min", 1 / 60)])
-def test_times_in_another_unit_are_read_as_such(unit, one_s, tmp_path):
-    path = written(tmp_path, f"t ({unit}),E,N,UP\n" + rows(before=lambda n: f"{n * one_s * STEP_S:.6f},"))
-    assert [component.time_step_s for component in read_file(path)] == pytest.approx([STEP_S] * 3)
 
 
 def test_numbers_that_fill_their_columns_are_parted_before_their_signs(tmp_path):

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import obspy
 import pytest
-from motion_samples import WRITERS, shaking
+from motion_samples import WRITERS, edited, shaking
 from refusals import left_out
 
 from toppling.models.motions.importing import ImportOptions, import_records, record_files
@@ -26,20 +26,10 @@ ORIGINS = [
 ]
 
 
-def rewritten(paths: list[Path], *replacements: dict[str, str]) -> None:
-    for path in paths:
-        text = path.read_text()
-        for old, new in [pair for each in replacements for pair in each.items()]:
-            assert old in text
-            text = text.replace(old, new)
-        path.write_text(text)
-
-
 def written(folder: Path, name: str, seed: int, *replacements: dict[str, str]) -> list[Path]:
     folder.mkdir()
-    paths = WRITERS[name](folder, shaking(seed=seed))
-    rewritten(paths, *replacements)
-    return paths
+    changes = [pair for each in replacements for pair in each.items()]
+    return edited(folder, name, *changes, motion=shaking(seed=seed))
 
 
 def imported(folder: Path, events: tuple[str, str] | None = None, unit: str = ""):

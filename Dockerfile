@@ -8,15 +8,21 @@ WORKDIR /opt/toppling
 
 # The locked dependencies first: they change less often than the code.
 COPY requirements-worker.lock ./
-RUN python3.11 -m venv /opt/venv && /opt/venv/bin/pip install --quiet --require-hashes --no-deps -r requirements-worker.lock
+# Neither PyBullet's sample robots (150 MB) nor the tests of packages (45 MB) are used.
+RUN python3.11 -m venv /opt/venv && /opt/venv/bin/pip install --quiet --require-hashes --no-deps -r requirements-worker.lock \
+    && cd /opt/venv/lib/python3.11/site-packages && rm -rf pybullet_data pybullet_envs pybullet_robots pybullet_examples \
+    && find . -type d -name tests -prune -exec rm -rf {} +
 ENV PATH=/opt/venv/bin:$PATH
 
-COPY pyproject.toml README.md ./
+# What builds the program is locked too.
+COPY requirements.lock pyproject.toml README.md ./
+RUN awk '/^[^ ]/ {keep = /^setuptools==/} keep' requirements.lock > build.lock \
+    && pip install --quiet --require-hashes --no-deps -r build.lock
 COPY models models
 COPY workers workers
 COPY orchestrator orchestrator
 COPY results results
-RUN pip install --quiet --no-deps .
+RUN pip install --quiet --no-deps --no-build-isolation .
 
 # Dask reads /etc/dask: scheduler and workers get the settings that keep a crash from costing innocent jobs.
 COPY orchestrator/dask.yaml /etc/dask/toppling.yaml

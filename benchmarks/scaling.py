@@ -29,6 +29,7 @@ import time
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
+from functools import cache
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -37,6 +38,7 @@ import dask
 import numpy as np
 import psutil
 import pyarrow as pa
+import pyarrow.parquet as pq
 from distributed import Client, Scheduler, Worker
 from numpy.typing import NDArray
 
@@ -185,22 +187,27 @@ class Pretend:
     """A worker's task that sleeps as long as the jobs would take, or gives the answer at once."""
 
     def __init__(self, asked: Asked, plan: Plan, seconds_per_job: float) -> None:
-        self.answers = pretended_rows(asked, np.arange(len(plan)), seconds_per_job)
+        self.path = asked.folder / "answers.parquet"
+        pq.write_table(pretended_rows(asked, np.arange(len(plan)), seconds_per_job), self.path)
         self.seconds_per_job = seconds_per_job
-        self.places: dict[str, int] = {}
 
     def __call__(self, _key: RunKey, _settings: Mapping[str, Any], jobs: pa.Table, budget: float) -> pa.Table:
         """Do what fits into the budget, as the true task does."""
-        if not self.places:
-            self.places = {job: place for place, job in enumerate(self.answers["job_id"].to_pylist())}
+        answers, places = answers_in(self.path)
         # With no time for a job one a task, as if it took the task's whole time.
         count = (
             min(len(jobs), max(1, math.ceil(budget / self.seconds_per_job))) if self.seconds_per_job else 1
         )
         time.sleep(count * self.seconds_per_job)
-        return self.answers.take(
-            [self.places[job] for job in jobs["job_id"][:count].to_pylist()]
-        ).combine_chunks()
+        taken = answers.take([places[job] for job in jobs["job_id"][:count].to_pylist()])
+        return taken.combine_chunks().cast(SCHEMA)
+
+
+@cache
+def answers_in(path: Path) -> tuple[pa.Table, dict[str, int]]:
+    """Rows of all jobs, and where each lies, once in a process."""
+    answers = pq.read_table(path)
+    return answers, {job: place for place, job in enumerate(answers["job_id"].to_pylist())}
 
 
 def be_scheduler(told: Connection) -> None:
@@ -442,4 +449,6 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    import scaling  # by which workers know what they are to do
+
+    scaling.main()

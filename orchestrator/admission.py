@@ -18,6 +18,7 @@ from toppling.orchestrator.cluster_supervisor import ClusterSupervisor
 from toppling.orchestrator.context import RunError
 from toppling.orchestrator.delivery import NotDeliveredError, NotKeptError, send
 from toppling.orchestrator.leaving import let_leave_in_order
+from toppling.orchestrator.local_workers import LocalWorkers
 from toppling.orchestrator.processor import unlike
 from toppling.orchestrator.task import RunKey, check
 
@@ -49,8 +50,10 @@ class Absence:
             self._said = True
             address = getattr(self._client.scheduler, "address", "the scheduler")
             remedy = f"start some with 'dask worker {address} --nthreads 1 {CLOSED}'"
-            if self._client.cluster is not None:
-                remedy = "look at the queue of the batch system and at the logs of its jobs, or at run.log"
+            if isinstance(self._client.cluster, LocalWorkers):
+                remedy = "they may still compile; run.log has the reason of each death"
+            elif self._client.cluster is not None:
+                remedy = "look at the queue of the batch system and at the logs of its jobs"
             log.warning("no worker has joined for %g s at %s: %s", _SAID_AFTER_S, address, remedy)
 
 

@@ -2,12 +2,14 @@
 
 import os
 import shlex
+import shutil
 import signal
 import socket
 import stat
 import subprocess
 import sys
 import time
+from datetime import timedelta
 from http.client import HTTPException
 from pathlib import Path
 from urllib.request import urlopen
@@ -18,7 +20,9 @@ import yaml
 from distributed.comm import connect
 from distributed.security import Security
 
+from toppling.orchestrator import session_key
 from toppling.orchestrator.cluster import _ClosedIfNotStarted, local
+from toppling.orchestrator.session_key import write_key
 from toppling.orchestrator.worker_start import started_ahead
 
 
@@ -100,8 +104,11 @@ def composed(tmp_path_factory):
     folder = tmp_path_factory.mktemp("composed")
     services = yaml.safe_load((Path(__file__).parents[2] / "docker-compose.yml").read_text())["services"]
     port = free_port()
+    (folder / "own").mkdir()
     own = {
         "/runs/.keys": str(folder / "keys"),
+        "--local-directory /tmp": f"--local-directory {folder / 'own'}",
+        "127.0.0.1:8789": "127.0.0.1:0",
         "tls://scheduler:8786": f"tls://127.0.0.1:{port}",
         "8786": str(port),
     }
@@ -123,7 +130,9 @@ def composed(tmp_path_factory):
     }
     subprocess.run(commands["keys"], env=environment, check=True, cwd=folder)
     started = [
-        subprocess.Popen(commands[name], env=environment, cwd=folder, stderr=subprocess.DEVNULL)
+        subprocess.Popen(
+            apart(commands[name], folder), env=environment, cwd=folder, stderr=subprocess.DEVNULL
+        )
         for name in ("scheduler", "worker")
     ]
     try:
@@ -136,10 +145,28 @@ def composed(tmp_path_factory):
             process.wait()
 
 
+def apart(command, folder):
+    """The command with a folder `own` of its own, as a container has one, where this account may mount."""
+    unshared = ["unshare", "--mount", "sh", "-c", f'mount -t tmpfs none {folder / "own"} && exec "$@"', "sh"]
+    may = shutil.which("unshare") and not subprocess.run([*unshared, "true"], capture_output=True).returncode
+    return [*unshared, *command] if may else command
+
+
 def free_port():
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         return taken.getsockname()[1]
+
+
+def test_a_certificate_is_kept_until_its_last_weeks(tmp_path, monkeypatch):
+    def written():
+        write_key(tmp_path)
+        return [path.read_bytes() for path in sorted(tmp_path.iterdir())]
+
+    first = written()
+    assert written() == first
+    monkeypatch.setattr(session_key, "_LEAST_LEFT", timedelta(days=366))
+    assert not set(written()) & set(first)
 
 
 def test_the_composed_scheduler_lets_in_only_who_holds_the_key(composed):

@@ -55,7 +55,7 @@ from toppling.orchestrator.execution import Execution, budget_s, room_for
 from toppling.orchestrator.order import balanced_order, taking_turns
 from toppling.orchestrator.plan import Plan, plan_of
 from toppling.orchestrator.run_folder import prepare
-from toppling.orchestrator.task import ROCKS_KEPT, RunKey, versions
+from toppling.orchestrator.task import ROCKS_CACHED, RunKey, versions
 from toppling.results.schema import SCHEMA
 from toppling.results.store import compact, finished_ids, write_part
 
@@ -345,7 +345,7 @@ def played(
     of_atlas, room = scene is not None, FIRST_JOBS
     task_s = of_atlas * TASK_S / (1.0 - HEARTBEAT_S * HEARTBEATS_A_SECOND * workers)
     ready: deque[tuple[float, Batch]] = deque()
-    held: list[deque[int]] = [deque(maxlen=ROCKS_KEPT) for _ in range(workers)]
+    held: list[deque[int]] = [deque(maxlen=ROCKS_CACHED) for _ in range(workers)]
     free = [(0.0, worker) for worker in range(workers)]
     client = scheduler = making_ready = 0.0
     ended, tasks, handled = np.zeros(workers), 0, 0

@@ -20,24 +20,24 @@ def azimuth_of(text: str) -> float:
     >>> azimuth_of("50"), azimuth_of("compass:40"), azimuth_of("N40E"), azimuth_of("S30W"), azimuth_of("NW")
     (50.0, 50.0, 50.0, 240.0, 135.0)
     """
-    said = text.strip()
+    stated = text.strip()
     bearing: float | None = None
     try:
-        if said.lower().startswith("compass:"):
-            bearing = float(said[8:])
+        if stated.lower().startswith("compass:"):
+            bearing = float(stated[8:])
             if not 0.0 <= bearing <= 360.0:
                 raise ValueError
-        elif (quadrant := _QUADRANT.fullmatch(said)) is not None:
+        elif (quadrant := _QUADRANT.fullmatch(stated)) is not None:
             away = float(quadrant[2])
             if away > 90.0:
                 raise ValueError
             north, east = quadrant[1].upper() == "N", quadrant[3].upper() == "E"
             bearing = (away if north else 180.0 - away) if east else (-away if north else 180.0 + away)
-        elif said.upper() in WINDS:
-            bearing = 22.5 * WINDS.index(said.upper())
+        elif stated.upper() in WINDS:
+            bearing = 22.5 * WINDS.index(stated.upper())
         if bearing is not None:
             return (90.0 - bearing) % 360.0
-        if not math.isfinite(azimuth := float(said)):
+        if not math.isfinite(azimuth := float(stated)):
             raise ValueError
     except ValueError:
         raise InputError(

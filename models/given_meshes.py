@@ -13,7 +13,7 @@ from toppling.models.files.mesh_files import MeshLike, remarks_of, triangles_of
 from toppling.models.frames import rotation_between
 from toppling.models.lengths import check_remarks, metres_in, too_large
 from toppling.models.pedestal import Pedestal
-from toppling.models.rock import Rock, check_size, check_triangles, origin_beside_m
+from toppling.models.rock import Rock, check_size, check_triangles, nearby_origin_m
 
 
 def rock_of(mesh: MeshLike, units: str | None) -> tuple[Rock, Array]:
@@ -26,10 +26,10 @@ def rock_of(mesh: MeshLike, units: str | None) -> tuple[Rock, Array]:
     vertices, faces, where, stated = _in_metres(mesh, units, "rock mesh")
     rock = Rock.from_triangles(vertices, faces, where=where)
     check_size(rock.height_m, where, "units")
-    doubt = "" if stated else too_large(rock.height_m, rock.volume_m3, "units")
-    if doubt:
-        warnings.warn(f"{where}: {doubt}. If they are in metres, units='m' says so.", stacklevel=3)
-    origin = origin_beside_m(rock.vertices_m)
+    warning = "" if stated else too_large(rock.height_m, rock.volume_m3, "units")
+    if warning:
+        warnings.warn(f"{where}: {warning}. If they are in metres, units='m' says so.", stacklevel=3)
+    origin = nearby_origin_m(rock.vertices_m)
     return (rock.moved(np.eye(3), -origin) if origin.any() else rock), origin
 
 

@@ -54,9 +54,9 @@ def other_unit_in(remarks: Iterable[str]) -> str:
 
 def check_remarks(remarks: Iterable[str], where: str) -> None:
     """Raise InputError, with the option to use, if remarks state a unit other than metres or a coordinate system."""
-    told = list(remarks)
-    unit = other_unit_in(told)
-    system = next((remark.strip()[:80] for remark in told if _SYSTEM.search(remark[:_LONGEST])), "")
+    texts = list(remarks)
+    unit = other_unit_in(texts)
+    system = next((remark.strip()[:80] for remark in texts if _SYSTEM.search(remark[:_LONGEST])), "")
     if unit or system:
         raise InputError(
             "coordinates.unit_not_metres",
@@ -106,16 +106,16 @@ def too_large(height_m: float, volume_m3: float, option: str = "--units") -> str
 
     option: option that states the unit.
     """
-    told = []
+    reasons = []
     if height_m > _ROCK_M[1]:
-        told.append(f"{height_m:.3g} m high, and no precarious rock is known above {_ROCK_M[1]:.0f} m")
+        reasons.append(f"{height_m:.3g} m high, and no precarious rock is known above {_ROCK_M[1]:.0f} m")
     if volume_m3 > _LARGEST_M3:
-        told.append(f"of {volume_m3:.3g} m³, and no precarious rock is known above {_LARGEST_M3:,.0f} m³")
-    if not told:
+        reasons.append(f"of {volume_m3:.3g} m³, and no precarious rock is known above {_LARGEST_M3:,.0f} m³")
+    if not reasons:
         return ""
     readings = explaining_units(height_m)
     would = f"; if the coordinates are in {readings}, say so by {option}" if readings else ""
-    return f"the rock is {', and it is '.join(told)}{would}"
+    return f"the rock is {', and it is '.join(reasons)}{would}"
 
 
 def size_note(height_m: float, volume_m3: float = 0.0) -> str:
@@ -126,14 +126,14 @@ def size_note(height_m: float, volume_m3: float = 0.0) -> str:
     >>> size_note(14.05, 583.0)
     ''
     """
-    told = [too_large(height_m, volume_m3)]
+    reasons = [too_large(height_m, volume_m3)]
     cubes = volume_m3 / height_m**3
     if volume_m3 and not _CUBES_OF_HEIGHT[0] <= cubes <= _CUBES_OF_HEIGHT[1]:
         shape = "thinner" if cubes < _CUBES_OF_HEIGHT[0] else "flatter"
-        told.append(
+        reasons.append(
             f"the rock is {shape} than any precarious rock: are heights in the unit of the other coordinates?"
         )
-    return "; ".join(filter(None, told))
+    return "; ".join(filter(None, reasons))
 
 
 def in_degrees(what: str, where: str) -> InputError:

@@ -104,17 +104,17 @@ def _edges_that_stand_out(vertices_m: Array, faces: NDArray[np.int64]) -> NDArra
     joins_two = np.diff(begins, append=len(order)) == 2
     first = begins[joins_two]
     origin = vertices_m[start[order[first]]]
-    way = vertices_m[end[order[first]]] - origin
+    along = vertices_m[end[order[first]]] - origin
     one, other = (vertices_m[half[order[each], 2]] - origin for each in (first, first + 1))
-    normal = np.cross(way, one)
-    side, other_side = normal[:, 2], way[:, 0] * other[:, 1] - way[:, 1] * other[:, 0]
+    normal = np.cross(along, one)
+    side, other_side = normal[:, 2], along[:, 0] * other[:, 1] - along[:, 1] * other[:, 0]
     size_m = float(np.linalg.norm(np.ptp(vertices_m, axis=0)))
     opposite = (side * other_side < 0) & (np.minimum(abs(side), abs(other_side)) >= _ROUNDING * size_m**2)
     with np.errstate(divide="ignore", invalid="ignore"):
         rise_m = (normal * other).sum(axis=1) / side
     joins_two[joins_two] = opposite & (rise_m >= -_ROUNDING * size_m)
-    kept = order[begins[~joins_two]]
-    return np.column_stack([start[kept], end[kept]])
+    edges = order[begins[~joins_two]]
+    return np.column_stack([start[edges], end[edges]])
 
 
 def _crossings(ground: Array, rock: Array) -> Iterator[Array]:
@@ -144,19 +144,19 @@ def _pieces(
     edges: Array, low: Array, high: Array, longest_m: float
 ) -> tuple[NDArray[np.int64], Array, Array]:
     """Divide edges (n, 2, 3) in plan, clipped to a box, to pieces with few neighbours: owner, centre, half length."""
-    start, way = edges[:, 0, :2], edges[:, 1, :2] - edges[:, 0, :2]
+    start, along = edges[:, 0, :2], edges[:, 1, :2] - edges[:, 0, :2]
     with np.errstate(divide="ignore", invalid="ignore"):
-        sides = np.stack([(low - start) / way, (high - start) / way])
+        sides = np.stack([(low - start) / along, (high - start) / along])
     enters, leaves = sides.min(axis=0).max(axis=1).clip(min=0.0), sides.max(axis=0).min(axis=1).clip(max=1.0)
     owner = np.flatnonzero(enters < leaves)
     enters, leaves = enters[owner], leaves[owner]
-    length = (leaves - enters) * np.linalg.norm(way[owner], axis=1)
+    length = (leaves - enters) * np.linalg.norm(along[owner], axis=1)
     count = np.ceil(length / longest_m).astype(int).clip(min=1)
     place = np.repeat(np.cumsum(count) - count, count)
     share = (np.arange(count.sum()) - place + 0.5) / np.repeat(count, count)
     share = np.repeat(enters, count) + share * np.repeat(leaves - enters, count)
     owner = np.repeat(owner, count)
-    return owner, start[owner] + share[:, None] * way[owner], np.repeat(0.5 * length / count, count)
+    return owner, start[owner] + share[:, None] * along[owner], np.repeat(0.5 * length / count, count)
 
 
 def _feet_where_they_cross(below: Array, above: Array) -> Array:
@@ -164,14 +164,14 @@ def _feet_where_they_cross(below: Array, above: Array) -> Array:
 
     If another layer lies between the two, the foot is above that layer's feet, and so never touches.
     """
-    way, over_way, offset = below[:, 1] - below[:, 0], above[:, 1] - above[:, 0], above[:, 0] - below[:, 0]
+    along, over_way, offset = below[:, 1] - below[:, 0], above[:, 1] - above[:, 0], above[:, 0] - below[:, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
-        across = way[:, 0] * over_way[:, 1] - way[:, 1] * over_way[:, 0]
+        across = along[:, 0] * over_way[:, 1] - along[:, 1] * over_way[:, 0]
         here = (offset[:, 0] * over_way[:, 1] - offset[:, 1] * over_way[:, 0]) / across
-        there = (offset[:, 0] * way[:, 1] - offset[:, 1] * way[:, 0]) / across
+        there = (offset[:, 0] * along[:, 1] - offset[:, 1] * along[:, 0]) / across
     met = (here >= 0) & (here <= 1) & (there >= 0) & (there <= 1)
     here, there = here[met, None], there[met]
-    place = below[met, 0] + here * way[met]
+    place = below[met, 0] + here * along[met]
     return np.column_stack([place[:, :2], above[met, 0, 2] + there * over_way[met, 2] - place[:, 2]])
 
 
@@ -223,9 +223,9 @@ def _circles(triangles: Array, tree: cKDTree) -> tuple[NDArray[np.int64], Array,
     owner, done = np.arange(len(triangles)), []
     wider = 1e-6 * np.linalg.norm(triangles - triangles.mean(axis=1)[:, None], axis=2).max(axis=1)
     for count in range(_HALVINGS + 1):
-        middle, way = triangles.mean(axis=1), np.roll(triangles, -1, axis=1) - triangles
+        middle, sides = triangles.mean(axis=1), np.roll(triangles, -1, axis=1) - triangles
         radius = np.linalg.norm(triangles - middle[:, None], axis=2).max(axis=1)
-        area = 0.5 * np.abs(way[:, 0, 0] * way[:, 1, 1] - way[:, 0, 1] * way[:, 1, 0])
+        area = 0.5 * np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0])
         is_slender = area < _SLENDER * np.pi * radius**2
         radius += wider[owner]
         cut = (
@@ -234,7 +234,7 @@ def _circles(triangles: Array, tree: cKDTree) -> tuple[NDArray[np.int64], Array,
             & (tree.query_ball_point(middle, radius, return_length=True) > _MANY_POINTS)
         )
         done.append((owner[~cut], middle[~cut], radius[~cut]))
-        longest = np.linalg.norm(way[cut], axis=2).argmax(axis=1)
+        longest = np.linalg.norm(sides[cut], axis=2).argmax(axis=1)
         one, other, third = (
             np.take_along_axis(triangles[cut], ((longest + k) % 3)[:, None, None], 1)[:, 0] for k in range(3)
         )

@@ -75,9 +75,9 @@ class Rock:
             raise _mesh_error("mesh.not_oriented", "triangles are not consistently oriented", where)
         if mesh.body_count != 1:
             raise _mesh_error("mesh.several_bodies", f"{mesh.body_count} separate bodies", where)
-        vertices, beside = np.array(mesh.vertices, float), origin_beside_m(mesh.vertices)
-        if beside.any():
-            mesh.apply_translation(-beside)
+        vertices, origin = np.array(mesh.vertices, float), nearby_origin_m(mesh.vertices)
+        if origin.any():
+            mesh.apply_translation(-origin)
         if mesh.volume < 0:
             mesh.invert()
         extent = float(np.prod(mesh.extents))
@@ -93,7 +93,7 @@ class Rock:
             vertices_m=vertices,
             faces=np.array(mesh.faces, np.int64),
             volume_m3=float(mesh.volume),
-            com_m=np.array(mesh.center_mass, float) + beside,
+            com_m=np.array(mesh.center_mass, float) + origin,
             inertia_per_mass_m2=inertia,
         )
 
@@ -141,7 +141,7 @@ class Rock:
         return np.array(trimesh.Trimesh(self.vertices_m, self.faces, process=False).convex_hull.vertices)
 
 
-def origin_beside_m(vertices_m: Array) -> Array:
+def nearby_origin_m(vertices_m: Array) -> Array:
     """Origin (3,) near a mesh that lies far from its own, at its lowest height; zero for a mesh near its origin."""
     low, high = vertices_m.min(axis=0), vertices_m.max(axis=0)
     if np.linalg.norm(0.5 * (low + high)) <= _FAR_SIZES * np.linalg.norm(high - low):

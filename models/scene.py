@@ -232,11 +232,11 @@ class Scene:
         list of (azimuth_deg, acceleration_m_s2)
         """
         if (rolling := self.rolling_body) is not None:
-            azimuths = np.array([float(each) for each in azimuths_deg])
+            azimuths = np.array([float(azimuth) for azimuth in azimuths_deg])
             return list(zip(azimuths.tolist(), rolling.toppling_m_s2(azimuths).tolist(), strict=True))
         if self.ground.is_plane:
             return quasi_static_toppling_m_s2(self.rock, self.pedestal, self.gravity_m_s2, azimuths_deg)
-        return self.grounded.quasi_static_toppling_m_s2([float(each) for each in azimuths_deg])
+        return self.grounded.quasi_static_toppling_m_s2([float(azimuth) for azimuth in azimuths_deg])
 
     @cached_property
     def _stated_toppling_m_s2(self) -> list[tuple[float, float]]:

@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 from toppling.models.frames import azimuth_deg
 from toppling.models.rock import Rock
 
-_SAID_FROM_DEG = 0.1
+_REPORTED_FROM_DEG = 0.1
 """Tilt from which a settling is reported, degrees: the typical error of a scanned interface."""
-_SAID_FROM_SHARE = 0.002
+_REPORTED_FROM_FRACTION = 0.002
 """Displacement from which a settling is reported, as a fraction of the rock's height; a rock scanned at rest moves
 less."""
 
@@ -43,12 +43,12 @@ class Settling:
     @property
     def sentence(self) -> str | None:
         """Sentence on the settling; None where the rock stands as scanned."""
-        if self.tilt_deg >= _SAID_FROM_DEG:
+        if self.tilt_deg >= _REPORTED_FROM_DEG:
             return (
                 f"the rock settles by {self.tilt_deg:.1f}° toward azimuth {self.toward_deg:.0f}° "
                 f"({self.way_m:.2g} m at its farthest point) before it is shaken"
             )
-        if self.way_m >= _SAID_FROM_SHARE * self.height_m:
+        if self.way_m >= _REPORTED_FROM_FRACTION * self.height_m:
             return f"the rock settles by {self.way_m:.2g} m at its farthest point before it is shaken"
         return None
 

@@ -16,7 +16,7 @@ from distributed import Client
 from toppling.models.errors import InputError
 from toppling.orchestrator.cluster_supervisor import ClusterSupervisor
 from toppling.orchestrator.context import RunError
-from toppling.orchestrator.delivery import NotDeliveredError, NotKeptError, send
+from toppling.orchestrator.delivery import NotDeliveredError, StorageError, send
 from toppling.orchestrator.leaving import let_leave_in_order
 from toppling.orchestrator.local_workers import LocalWorkers
 from toppling.orchestrator.processor import unlike
@@ -32,7 +32,7 @@ CLOSED = "--no-dashboard --dashboard-address 127.0.0.1:0"
 """Options of a Dask worker without dashboard, which has no authentication."""
 
 _UNREACHABLE = (errno.EHOSTUNREACH, errno.ENETUNREACH, errno.ENETDOWN, errno.EHOSTDOWN, errno.EADDRNOTAVAIL)
-_LOOK_S, _WAIT_S, _SAID_AFTER_S = 0.1, 1.0, 60.0
+_LOOK_S, _WAIT_S, _WARN_AFTER_S = 0.1, 1.0, 60.0
 """Times, s: between looks for a first worker, between attempts at a check, and without workers before a warning."""
 
 
@@ -46,7 +46,7 @@ class Absence:
         """Check for workers."""
         if self._client.nthreads():
             self._since, self._said = time.monotonic(), False
-        elif not self._said and time.monotonic() - self._since >= _SAID_AFTER_S:
+        elif not self._said and time.monotonic() - self._since >= _WARN_AFTER_S:
             self._said = True
             address = getattr(self._client.scheduler, "address", "the scheduler")
             remedy = f"start some with 'dask worker {address} --nthreads 1 {CLOSED}'"
@@ -54,7 +54,7 @@ class Absence:
                 remedy = "they may still compile; run.log has the reason of each death"
             elif self._client.cluster is not None:
                 remedy = "look at the queue of the batch system and at the logs of its jobs"
-            log.warning("no worker has joined for %g s at %s: %s", _SAID_AFTER_S, address, remedy)
+            log.warning("no worker has joined for %g s at %s: %s", _WARN_AFTER_S, address, remedy)
 
 
 def may_be_lost(error: BaseException) -> bool:
@@ -111,10 +111,12 @@ def check_workers(client: Client, *run_keys: RunKey) -> None:
     if lacking:
         problem = deliver(client, lacking.values(), run_keys)
         answers |= client.run(check, run_keys[0], on_error="return", workers=list(lacking))
-        answers |= {worker: NotKeptError(problem) for worker in lacking if problem and worker in answers}
+        answers |= {worker: StorageError(problem) for worker in lacking if problem and worker in answers}
     # A worker that is dying or joining (OSError) is checked by its first task. One without this program cannot
     # deserialise the request, which Dask reports.
-    unfit = [one for one in answers.values() if isinstance(one, Exception) and not isinstance(one, OSError)]
+    unfit = [
+        found for found in answers.values() if isinstance(found, Exception) and not isinstance(found, OSError)
+    ]
     if reasons := sorted(set(map(str, unfit))):
         raise InputError(
             "cluster.workers_unfit",
@@ -133,11 +135,11 @@ def deliver(client: Client, lacking: Iterable[NotDeliveredError], run_keys: Iter
     Raises RunError if they are missing in the run's folder.
     """
     places: dict[str, Path] = {}
-    for one in run_keys:
-        places[one.scene_id] = Path(one.folder) / one.scene_place
-        places[one.ensemble_id] = Path(one.folder) / one.ensemble_place
-    if gone := [str(place) for place in places.values() if not place.is_dir()]:
-        raise RunError(f"{gone[0]} is gone: was the run's folder removed or renamed?")
+    for key in run_keys:
+        places[key.scene_id] = Path(key.folder) / key.scene_place
+        places[key.ensemble_id] = Path(key.folder) / key.ensemble_place
+    if missing := [str(place) for place in places.values() if not place.is_dir()]:
+        raise RunError(f"{missing[0]} is gone: was the run's folder removed or renamed?")
 
     def call(worker: str, function: Callable[..., Any], *given: Any) -> None:
         with suppress(OSError, ValueError, KeyError):  # the worker has left: another will ask
@@ -145,7 +147,7 @@ def deliver(client: Client, lacking: Iterable[NotDeliveredError], run_keys: Iter
 
     try:
         send(call, lacking, places)
-    except NotKeptError as error:
+    except StorageError as error:
         return str(error)
     return ""
 

@@ -14,7 +14,7 @@ from toppling.models.motions.quality import LARGEST_FACTOR, LARGEST_PGD_M, TOLD_
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.pilot import Statics, statics_of
-from toppling.orchestrator.status import Share
+from toppling.orchestrator.status import LevelCount
 
 _LARGEST_FRICTION = 1.5
 """Friction coefficient of rock on rock above which a value is more likely an angle in degrees."""
@@ -28,7 +28,7 @@ _MOST_NAMED = 5
 """Maximum number of records named in a sentence."""
 _ROUNDED = 0.01
 """Tolerance for recognising multiples of pi/4 printed with two decimals, in eighths of a turn."""
-HARDLY_SHARE, MOSTLY_SHARE = 0.05, 0.5
+HARDLY_FRACTION, MOSTLY_FRACTION = 0.05, 0.5
 """Maximum fraction toppled at the lowest, and minimum at the highest level, for levels to cover the transition."""
 _LEAST_WITHIN = 3
 """Minimum number of levels within the transition that resolves it."""
@@ -123,10 +123,10 @@ def shaking_warnings(campaign: Campaign, ensemble: Ensemble) -> list[str]:
 
 
 def _width_sentence(scene: Scene) -> str:
-    said = scene.report.get("unseen_base", {}).get("toppling")
-    if not said:
+    interval = scene.report.get("unseen_base", {}).get("toppling")
+    if not interval:
         return ""
-    width = f"{median_width(said):.0%}".replace("%", " %")
+    width = f"{median_width(interval):.0%}".replace("%", " %")
     return f"the interval of the toppling acceleration is {width} of its median wide; "
 
 
@@ -157,32 +157,32 @@ def least_static(statics: Statics) -> str:
     return f"{statics.least_m_s2:.3g} m/s2, ground toward azimuth {azimuth:.0f}°, compass {compass_deg(azimuth):.0f}°"
 
 
-def suggestions(shares: Sequence[Share]) -> list[str]:
+def suggestions(levels: Sequence[LevelCount]) -> list[str]:
     """Suggestions for the next campaign from the fractions toppled at each level of a run.
 
     shares: one per level.
 
     Examples
     --------
-    >>> suggestions([Share(9.0, 78, 0), Share(13.0, 78, 7)])
+    >>> suggestions([LevelCount(9.0, 78, 0), LevelCount(13.0, 78, 7)])
     ['7 of 156 toppled, 9 % at the highest level: add levels above 13 m/s2']
     """
-    rising = sorted((one for one in shares if one.jobs), key=lambda one: one.level_m_s2)
+    rising = sorted((level for level in levels if level.jobs), key=lambda level: level.level_m_s2)
     if not rising:
         return []
     low, high = rising[0], rising[-1]
-    jobs, toppled = sum(one.jobs for one in rising), sum(one.toppled for one in rising)
+    jobs, toppled = sum(level.jobs for level in rising), sum(level.toppled for level in rising)
     found = []
-    if high.share < MOSTLY_SHARE:
-        at = f", {high.share:.0%} at the highest level".replace("%", " %") if toppled else ""
+    if high.fraction < MOSTLY_FRACTION:
+        at = f", {high.fraction:.0%} at the highest level".replace("%", " %") if toppled else ""
         found.append(f"{toppled} of {jobs} toppled{at}: add levels above {high.level_m_s2:g} m/s2")
-    if low.share > HARDLY_SHARE:
+    if low.fraction > HARDLY_FRACTION:
         at = f"{low.toppled} of {low.jobs} toppled at the lowest level"
         found.append(f"{at}: add levels below {low.level_m_s2:g} m/s2")
-    within = [one for one in rising if HARDLY_SHARE < one.share < 1.0 - HARDLY_SHARE]
+    within = [level for level in rising if HARDLY_FRACTION < level.fraction < 1.0 - HARDLY_FRACTION]
     if not found and len(within) < _LEAST_WITHIN:
-        below = max(one.level_m_s2 for one in rising if one.share <= HARDLY_SHARE)
-        above = [one.level_m_s2 for one in rising if one.share >= 1.0 - HARDLY_SHARE]
+        below = max(level.level_m_s2 for level in rising if level.fraction <= HARDLY_FRACTION)
+        above = [level.level_m_s2 for level in rising if level.fraction >= 1.0 - HARDLY_FRACTION]
         top = min(above, default=high.level_m_s2)
         found.append(
             f"the share that topples rises within {len(within)} levels: "

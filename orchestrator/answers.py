@@ -109,7 +109,7 @@ class Asked:
         records = _records_of(self.folder / scene.ensemble_place, plan.records)
         record, unmeasured = columns["record_id"], plan.campaign.unmeasured or Unmeasured()
         contacts = (columns[name].tolist() for name in AXES[2:])
-        drawn = [_drawn(scene.scene_id, unmeasured, *one) for one in zip(*contacts, strict=True)]
+        drawn = [_drawn(scene.scene_id, unmeasured, *contact) for contact in zip(*contacts, strict=True)]
         factor, turn_deg = np.array(drawn).T
         base = [
             draw_of(number, scene.bases) if scene.bases else None
@@ -183,7 +183,7 @@ def _contradictions(answer: pa.Table) -> Iterator[tuple[str, Flags]]:
     status, outcome, toppled = (_values(answer, name) for name in ("status", "outcome", "toppled"))
     yield "status", ~np.isin(status.astype(str), _STATUSES)
     ok = status == "ok"
-    meant = _objects([_OUTCOMES.get(one) for one in outcome.tolist()])
+    meant = _objects([_OUTCOMES.get(name) for name in outcome.tolist()])
     none = _nulls(answer, "toppled")
     yield "outcome", np.where(ok, none | (meant != toppled), ~none | ~_nulls(answer, "outcome"))
     for name in ("topple_time_s", "falls_toward_deg", "falls_toward_bearing_deg"):

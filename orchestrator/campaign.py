@@ -47,11 +47,11 @@ _HIGHEST_BAND_HZ = 1000.0
 """Maximum of `band_hz`, Hz."""
 _FINEST, _COARSEST = 0.005, 0.5
 """Range of `precision`, a half width relative to the target."""
-_SHARES = ("median", "p05", "p95")
+_QUANTILES = ("median", "p05", "p95")
 _TARGET_KEYS = (
-    Key("of", word(_SHARES), f"{', '.join(map(repr, _SHARES))}", "share that topples", None, "the median"),
+    Key("of", word(_QUANTILES), f"{', '.join(map(repr, _QUANTILES))}", "share that topples", None, "the median"),
     Key("measure", word(LEVEL_MEASURES), f"one of {', '.join(LEVEL_MEASURES)}", "of the intensity", None, "the best"),
-    Key("at", number(lambda one: one > 0), "a positive intensity, with its measure", "whose probability is asked for",
+    Key("at", number(lambda size: size > 0), "a positive intensity, with its measure", "whose probability is asked for",
         None, "the share"),
     Key("hazard", path, "the path of a file of one hazard curve", "whose failure rate is asked for", None, "the share"),
 )  # fmt: skip
@@ -62,7 +62,7 @@ _TARGET_KEYS = (
 class TargetSpec:
     """Specification of the quantity that a run is to estimate."""
 
-    of: str = _SHARES[0]  # median, p05, p95: intensity with that toppling probability
+    of: str = _QUANTILES[0]  # median, p05, p95: intensity with that toppling probability
     measure: str | None = None  # column of the results; None for the best predictor
     at: float | None = None  # intensity whose toppling probability is the target instead
     hazard: Path | None = None  # file of the hazard curve whose failure rate is the target instead
@@ -104,7 +104,7 @@ def _target(value: Any, place: Place) -> TargetSpec:
             "more than one of 'of', 'at' and 'hazard'",
             remedy="ask one question a run",
         )
-    return TargetSpec(**read | {"of": read["of"] or _SHARES[0]})
+    return TargetSpec(**read | {"of": read["of"] or _QUANTILES[0]})
 
 
 def _friction(given: Any, place: Place) -> tuple[tuple[float, float], ...]:
@@ -116,7 +116,7 @@ def _friction(given: Any, place: Place) -> tuple[tuple[float, float], ...]:
     pairs = []
     for entry in given:
         both = entry if isinstance(entry, list) else [entry, entry]
-        if len(both) != 2 or not all(is_number(one) for one in both):
+        if len(both) != 2 or not all(is_number(value) for value in both):
             raise place.wrong(
                 "campaign.value_unusable", shown(entry), "a number, or [static, kinetic]", "correct the entry"
             )
@@ -159,23 +159,23 @@ def _azimuths(given: Any, place: Place) -> tuple[float, ...]:
     """Read azimuths, some of which may be bearings such as "N40E"."""
     try:
         if isinstance(given, list):
-            given = [azimuth_of(one) if isinstance(one, str) else one for one in given]
+            given = [azimuth_of(value) if isinstance(value, str) else value for value in given]
     except InputError as error:
         raise place.wrong("campaign.value_unusable", error.what) from None
     return axis(lambda azimuth: 0 <= azimuth < 360, _AS_RECORDED)(given, place)
 
 
 def _count(least: int, most: int = 2**31 - 1) -> Any:
-    return number(lambda one: least <= one <= most, int)
+    return number(lambda count: least <= count <= most, int)
 
 
 # fmt: off
 _DRAWN = (
     Key("friction", pair(math.inf), "[low, high], from 0", "static and kinetic friction", None),
     Key("restitution", pair(1.0), "[low, high], 0 to 1", "restitution", None),
-    Key("yaw_deg", number(lambda one: 0 <= one <= 180), "0 to 180 degrees", "turn of the motion, either way", 0.0),
+    Key("yaw_deg", number(lambda yaw: 0 <= yaw <= 180), "0 to 180 degrees", "turn of the motion, either way", 0.0),
     Key("either_sense", number(lambda _: True, bool), "true or false", "reverse the motion in half of them", False),
-    Key("band_hz", number(lambda one: 0 < one <= _HIGHEST_BAND_HZ), f"above 0, up to {_HIGHEST_BAND_HZ:g} Hz",
+    Key("band_hz", number(lambda band: 0 < band <= _HIGHEST_BAND_HZ), f"above 0, up to {_HIGHEST_BAND_HZ:g} Hz",
         "where the records' band ends", None),
     Key("above_band", pair(2.0), "[low, high], 0 to 2", "motion above it over that in the octave below", None),
 )
@@ -198,14 +198,14 @@ KEYS = (
         "azimuths that the stronger horizontal component is turned to, degrees counter-clockwise from east"),
     Key("friction", _friction, "a list of numbers, or of [static, kinetic]",
         "coefficients of friction, of rock on rock 0.6 to 1.0"),
-    Key("restitution", axis(lambda one: 0 <= one <= 1), "a list of numbers, 0 to 1",
+    Key("restitution", axis(lambda value: 0 <= value <= 1), "a list of numbers, 0 to 1",
         "coefficients of restitution", (0.0,), "[0.0]", "[0.0]"),
     Key("realisations", _count(1, _MOST_REALISATIONS), f"a whole number from 1 to {_MOST_REALISATIONS}",
         "over which the jobs of each record are spread: one is the scene as it is, others draw base and friction", 1,
         "1", "25"),
     Key("first_realisation", _count(0), "a whole number from 0",
         "number of the first realisation, to add to another campaign", 0, "0, the scene as it is", "1"),
-    Key("unmeasured", _unmeasured, f"a table with keys of {', '.join(one.name for one in _DRAWN)}",
+    Key("unmeasured", _unmeasured, f"a table with keys of {', '.join(key.name for key in _DRAWN)}",
         "what realisations draw besides", None, "none", "{ friction = [0.5, 1.0], yaw_deg = 5.0 }",
         "conventions.md#realisations"),
     Key("preset", word(PRESETS), f"one of {', '.join(PRESETS)}", "how finely each shake is resolved", "standard",
@@ -225,7 +225,7 @@ KEYS = (
         "half of the 95 % interval at which the run ends", None, "all jobs", "0.05", "precision.md"),
     Key("target", _target, '"median", "p05", "p95" or a table', "what the run is to state", None,
         "the shaking at which half topple", '"p05"', "precision.md"),
-    Key("peak_displacement_m", number(lambda one: 0 < one <= _LARGEST_DISPLACEMENT_M),
+    Key("peak_displacement_m", number(lambda size: 0 < size <= _LARGEST_DISPLACEMENT_M),
         f"metres above 0 and up to {_LARGEST_DISPLACEMENT_M:g}",
         "largest horizontal displacement of the ground, to which motions are high-passed (corners up to 5 Hz, else "
         "the job fails)", None, "none", "1.0"),
@@ -343,7 +343,7 @@ class Campaign:
     def to_toml(self, stood: Iterable[str] = (), hazard: str | None = None) -> str:
         """Campaign as TOML with all values explicit, as stored in a run's folder."""
         values = {key.name: getattr(self, key.name) for key in KEYS if key.name not in ("scenes", "sites")}
-        content = {name: one for name, one in values.items() if one not in (None, ())}
+        content = {name: value for name, value in values.items() if value not in (None, ())}
         rocks = {"sites": SITES_FILE} if self.sites else {"scene": "scene"}
         axes = {"pga_m_s2": self.pga_m_s2 or _AS_RECORDED, "azimuth_deg": self.azimuth_deg or _AS_RECORDED}
         if self.sites:
@@ -355,7 +355,7 @@ class Campaign:
             content["unmeasured"] = dataclasses.asdict(self.unmeasured)
         if self.target is not None:
             content["target"] = self.target.content(hazard)
-        return "".join(f"{name} = {_toml(one)}\n" for name, one in content.items())
+        return "".join(f"{name} = {_toml(value)}\n" for name, value in content.items())
 
 
 def hash_of(texts: Iterable[str]) -> str:
@@ -379,7 +379,9 @@ def _of_many(content: Mapping[str, Any], folder: Path, where: str) -> dict[str, 
     values = read_keys(keys, own | dict(content), where, folder, instead=_OTHER_LEVELS)
     found = scenes_matching(values.pop("scenes"), Place(f"{where}: scenes", folder))
     sites = joined(values["sites"], found, where)
-    if own and (lacking := [one.rock for one in sites if one.ensemble is None and one.seismograms is None]):
+    if own and (
+        lacking := [site.rock for site in sites if site.ensemble is None and site.seismograms is None]
+    ):
         what = f"missing ensemble, which {shown(lacking[0])} has none of its own instead of"
         raise Place(where).wrong(
             "campaign.key_missing",
@@ -413,6 +415,6 @@ def _check_together(read: Campaign, engine: str, precision: str, target: str) ->
 def _toml(value: Any) -> str:
     """Format a value as TOML: strings, numbers, booleans and arrays as in JSON, tables in TOML's syntax."""
     if isinstance(value, dict):
-        pairs = (f"{key} = {_toml(each)}" for key, each in value.items() if each is not None)
+        pairs = (f"{key} = {_toml(part)}" for key, part in value.items() if part is not None)
         return f"{{ {', '.join(pairs)} }}"
     return json.dumps(value, ensure_ascii=False)

@@ -120,26 +120,26 @@ def _call() -> None:
         error.show()
         sys.exit(error.exit_code)
     except (InputError, FileExistsError, FileNotFoundError) as error:
-        told = str(error)
+        message = str(error)
     except ValueError as error:  # raised when Dask is imported
         if not str(error).startswith("A dask config file"):
             raise
-        told = f"{error}\n  remedy: correct the file, or move it away"
+        message = f"{error}\n  remedy: correct the file, or move it away"
     except (OSError, MemoryError, ImportError) as error:
         if isinstance(error, MemoryError) or _UNMAPPED.search(str(error)):
             why = str(error).partition("\n")[0]
-            told = f"{_TOO_LITTLE}{f' ({why})' if why else ''}"
+            message = f"{_TOO_LITTLE}{f' ({why})' if why else ''}"
         elif isinstance(error, OSError):
-            told = _told(error)
+            message = _os_error_message(error)
         else:
             raise
     else:
         return
-    click.echo(f"toppling: {told}", err=True)
+    click.echo(f"toppling: {message}", err=True)
     sys.exit(1)
 
 
-def _told(error: OSError) -> str:
+def _os_error_message(error: OSError) -> str:
     """Message for an error of a disk, of permissions or of a limit, with a remedy."""
     note = "; ".join(["", *getattr(error, "__notes__", [])])
     if error.errno in (errno.ENOSPC, errno.EDQUOT):
@@ -154,7 +154,7 @@ def _told(error: OSError) -> str:
 
 def _left(path: Any) -> str:
     """Free bytes and inodes of a path's disk: either may be exhausted."""
-    disk = os.statvfs(next(one for one in Path(path).absolute().parents if one.exists()))
+    disk = os.statvfs(next(parent for parent in Path(path).absolute().parents if parent.exists()))
     files = f"{disk.f_favail:,} of {disk.f_files:,} files (inodes)"
     return f", with {disk.f_bavail * disk.f_frsize / 1e6:.0f} MB and {files} free"
 

@@ -18,7 +18,7 @@ from toppling.models.compiled import FOLDER
 from toppling.models.errors import InputError, UsageError
 from toppling.orchestrator.admission import BACK_WITHIN_S, CLOSED
 from toppling.orchestrator.cluster_supervisor import let_resize
-from toppling.orchestrator.interrupt import Uninterrupted, kept_from_children
+from toppling.orchestrator.interrupt import Uninterrupted, signals_blocked
 from toppling.orchestrator.local_workers import LocalWorkers
 from toppling.orchestrator.processor import KERNEL_VARIABLES
 from toppling.orchestrator.run_folder import KEY_FOLDERS
@@ -95,7 +95,7 @@ def _local_session(most: int) -> Iterator[Client]:
         dask.config.set({"distributed.deploy.lost-worker-timeout": "1000 days", **_SILENT}),
         tempfile.TemporaryDirectory(prefix="toppling-session-", ignore_cleanup_errors=True) as scratch,
     ):
-        with kept_from_children():
+        with signals_blocked():
             cluster = LocalWorkers(scratch, Security.temporary(), most)
         with cluster, Client(cluster) as client:
             yield client
@@ -171,7 +171,7 @@ def gateway(name: str) -> Iterator[Client]:
         ) from None
     load_defaults()
     with dask_gateway.Gateway() as there:
-        running = [one.name for one in there.list_clusters()]
+        running = [cluster.name for cluster in there.list_clusters()]
         if name not in running and (name or len(running) != 1):
             raise InputError(
                 "cluster.gateway_name_unknown",
@@ -259,7 +259,7 @@ def _queue_cluster(kind: str, secrets: str, asked: Mapping[str, Any]) -> Any:
     exports = [f"export {name}={shlex.quote(value)}" for name, value in chosen.items() if value]
     prologue = [line for name in ("env-extra", "job-script-prologue") for line in configured.get(name) or []]
     try:
-        with kept_from_children():  # shields the commands that submit and cancel batch jobs
+        with signals_blocked():  # shields the commands that submit and cancel batch jobs
             named = {name.lower(): name for name in vars(jobqueue)}
             return getattr(jobqueue, named[f"{kind}cluster"])(
                 cores=cores,

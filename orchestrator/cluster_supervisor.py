@@ -128,7 +128,7 @@ class ClusterSupervisor:
     def resubmit(self) -> None:
         """Replace batch jobs that have ended, which Dask does not; RunError after repeated failures."""
         cluster: Any = self._cluster
-        gone = self.gone()
+        ended = self.gone()
         wanted = len(cluster.worker_spec)
         if self._ended >= set(cluster.worker_spec):
             self._in_vain += 1
@@ -137,10 +137,10 @@ class ClusterSupervisor:
                 f"batch jobs ended {self._in_vain} times before a worker came of them; their output says why "
                 "(log-directory in jobqueue.yaml, else the folder of this command)"
             )
-        self._came.difference_update(gone)  # their names are reused
+        self._came.difference_update(ended)  # their names are reused
         self._ended.clear()
         # Dask has already dropped some, which need only be requested again.
-        if dropped := [name for name in gone if name in cluster.workers]:
+        if dropped := [name for name in ended if name in cluster.workers]:
             log.warning("%d batch jobs have ended: as many are submitted again", len(dropped))
             with contextlib.suppress(TimeoutError):  # repeated at the next look
                 self._client.sync(cluster.scale_down, dropped, callback_timeout=_RESUBMIT_TIMEOUT_S)

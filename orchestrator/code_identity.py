@@ -23,7 +23,7 @@ SOURCES = {path: path.read_bytes() for room in (_MODELS, _WORKERS) for path in r
 
 _OWN_SOURCE = Path(__file__).read_bytes()
 
-_ONE_PARSES = threading.Lock()
+_PARSER_LOCK = threading.Lock()
 
 
 @cache
@@ -35,16 +35,16 @@ def code() -> str:
     Parsing takes more than a second, at the start of every worker: its result is cached with the compiled code of the
     same sources.
     """
-    kept = FOLDER / f"identity-{_bytes_read()}.json" if FOLDER else None
-    if kept is not None:
+    cached = FOLDER / f"identity-{_bytes_read()}.json" if FOLDER else None
+    if cached is not None:
         with suppress(OSError, InputError):
-            return str(read_json(kept, required=True)["code"])
+            return str(read_json(cached, required=True)["code"])
     found, digest = deciding(), hashlib.blake2b(digest_size=8)
     for path in sorted(found):
         digest.update(found[path].encode())
-    if kept is not None:
+    if cached is not None:
         with suppress(OSError):
-            write_json(kept, {"code": digest.hexdigest()})
+            write_json(cached, {"code": digest.hexdigest()})
     return digest.hexdigest()
 
 
@@ -72,7 +72,7 @@ def deciding() -> dict[Path, str]:
         nodes = list(ast.walk(tree))
         for node in nodes:
             if isinstance(node, ast.ImportFrom) and str(node.module).startswith("toppling.models"):
-                names = [node.module, *(f"{node.module}.{one.name}" for one in node.names)]
+                names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
                 left += [_MODELS.joinpath(*str(name).split(".")[2:]).with_suffix(".py") for name in names]
         found[path] = without_words(tree, nodes)
     return found
@@ -83,7 +83,7 @@ def parsed(source: bytes) -> ast.Module:
 
     Threads can switch here only in callbacks of Dask's garbage collection.
     """
-    with _ONE_PARSES:
+    with _PARSER_LOCK:
         collects = gc.isenabled()
         gc.disable()
         try:
@@ -99,8 +99,11 @@ def without_words(tree: ast.Module, nodes: Iterable[ast.AST]) -> str:
         body = getattr(node, "body", None)
         if isinstance(body, list):
             node.body = [  # type: ignore[attr-defined]
-                one
-                for one in body
-                if not (isinstance(one, ast.Expr) and isinstance(getattr(one.value, "value", None), str))
+                statement
+                for statement in body
+                if not (
+                    isinstance(statement, ast.Expr)
+                    and isinstance(getattr(statement.value, "value", None), str)
+                )
             ]
     return ast.dump(tree)

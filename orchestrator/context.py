@@ -105,9 +105,9 @@ class Work:
         """Run key of each scene, which a worker checks before it does jobs."""
         return [
             RunKey(
-                str(self.folder), one.scene_id, one.ensemble_id, self.versions, one.scene_place, one.ensemble_place
+                str(self.folder), rock.scene_id, rock.ensemble_id, self.versions, rock.scene_place, rock.ensemble_place
             )
-            for one in self.planned.scenes
+            for rock in self.planned.scenes
         ]  # fmt: skip
 
 

@@ -14,7 +14,7 @@ from toppling.orchestrator.cluster_supervisor import ClusterSupervisor
 from toppling.orchestrator.context import Answer, RunError
 from toppling.orchestrator.delivery import NotDeliveredError
 from toppling.orchestrator.interrupt import held_back
-from toppling.orchestrator.leaving import was_told_to_leave
+from toppling.orchestrator.leaving import announced_exit
 from toppling.orchestrator.task import RunKey, UnfitWorkerError
 
 
@@ -57,7 +57,7 @@ class DaskCluster(ClusterSupervisor):
                 found.append(self._answers.get_nowait())
         if self._client.status != "running":
             raise ConnectionError(admission.LOST)
-        return [known for one in found if (known := self._known(one))]
+        return [known for answer in found if (known := self._known(answer))]
 
     def _known(self, answer: Answer) -> Answer | None:
         """Classify the result of a batch; None for a batch that was forgotten."""
@@ -72,7 +72,7 @@ class DaskCluster(ClusterSupervisor):
             return answer
         if answer.kind == "error" and isinstance(error, KilledWorker):
             address = error.last_worker.address
-            left = was_told_to_leave(self._client, address)
+            left = announced_exit(self._client, address)
             return Answer(answer.key, "left" if left else "died", error, address)
         if isinstance(error, NotDeliveredError | UnfitWorkerError):
             kind = "undelivered" if isinstance(error, NotDeliveredError) else "unfit"

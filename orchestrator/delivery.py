@@ -20,7 +20,7 @@ _PIECE_BYTES = 2**23
 """Size of the pieces in which files are sent, bytes: large enough to hide latency, small against a worker's memory."""
 
 _ID = re.compile(r"[0-9a-f]{8,64}")
-_KEPT_S = 7 * 86400.0
+_CACHED_S = 7 * 86400.0
 """Time after the last use at which a host deletes delivered content, s."""
 
 
@@ -36,7 +36,7 @@ class NotDeliveredError(RuntimeError):
         super().__init__(host, worker)
 
 
-class NotKeptError(RuntimeError):
+class StorageError(RuntimeError):
     """A host cannot store delivered files."""
 
 
@@ -45,10 +45,10 @@ def send(call: Callable[..., Any], lacking: Iterable[NotDeliveredError], folders
 
     call: calls a function with arguments on the worker at an address, and raises its exceptions.
     """
-    for worker in {one.host: one.worker for one in lacking}.values():
+    for worker in {error.host: error.worker for error in lacking}.values():
         for name, folder in folders.items():
             upload = f".{name}.{uuid.uuid4().hex}.tmp"
-            for path in sorted(one for one in folder.iterdir() if one.is_file()):
+            for path in sorted(path for path in folder.iterdir() if path.is_file()):
                 with path.open("rb") as source:
                     while piece := source.read(_PIECE_BYTES):
                         call(worker, _receive, upload, path.name, piece)
@@ -58,20 +58,20 @@ def send(call: Callable[..., Any], lacking: Iterable[NotDeliveredError], folders
 def delivered(name: str, worker: str | None = None) -> Path:
     """Folder of delivered content on this host, by its id.
 
-    Raises NotDeliveredError, with the worker's address, if it is absent, and NotKeptError if the cache is not writable.
+    Raises NotDeliveredError, with the worker's address, if it is absent, and StorageError if the cache is not writable.
     """
     if not _ID.fullmatch(name):
-        raise NotKeptError(f"{name!r} is no id of a content")
+        raise StorageError(f"{name!r} is no id of a content")
     place = _place()
     try:
         place.mkdir(mode=0o700, parents=True, exist_ok=True)
         os.utime(place / name)
     except FileNotFoundError:
         if not os.access(place, os.W_OK):
-            raise _not_kept("it cannot be written") from None
+            raise _storage_error("it cannot be written") from None
         raise NotDeliveredError(f"{socket.gethostname()}:{place}", worker) from None
     except OSError as error:
-        raise _not_kept(error.strerror or error) from None
+        raise _storage_error(error.strerror or error) from None
     return place / name
 
 
@@ -84,8 +84,8 @@ def _place() -> Path:
     return cache_folder() / "delivered"
 
 
-def _not_kept(why: object) -> NotKeptError:
-    return NotKeptError(f"what the client sends cannot be kept in {_place()} ({why})")
+def _storage_error(why: object) -> StorageError:
+    return StorageError(f"what the client sends cannot be kept in {_place()} ({why})")
 
 
 def _receive(upload: str, file: str, piece: bytes) -> None:
@@ -96,7 +96,7 @@ def _receive(upload: str, file: str, piece: bytes) -> None:
         with (folder / Path(file).name).open("ab") as target:
             target.write(piece)
     except OSError as error:
-        raise _not_kept(error.strerror or error) from None
+        raise _storage_error(error.strerror or error) from None
 
 
 def _complete(upload: str, name: str) -> None:
@@ -106,7 +106,7 @@ def _complete(upload: str, name: str) -> None:
         staging.rename(_place() / name)
     except OSError:  # another client delivered it first
         forget(staging)
-    before = time.time() - _KEPT_S
+    before = time.time() - _CACHED_S
     for other in _place().iterdir():
         if other.is_dir() and other.stat().st_mtime < before:
             forget(other)

@@ -25,7 +25,7 @@ _TIMED_S = 20.0
 """Time after which no further job is timed, s."""
 _LEAST_TIMED = 6
 """Minimum number of timed jobs, if the plan has as many."""
-_TIMED_SHARE = 8
+_JOBS_PER_TIMED = 8
 """Number of jobs of a small plan per timed one, so that the estimate costs less than the run."""
 _ROCKS_TIMED = 3
 """Number of rocks of an atlas whose jobs are timed."""
@@ -53,7 +53,7 @@ def spread(count: int, wanted: int) -> NDArray[np.int64]:
 
 def timed_jobs(pending: int) -> int:
     """Number of jobs to time, by the number of pending jobs."""
-    return min(_TIMED_JOBS, max(_LEAST_TIMED, pending // _TIMED_SHARE), pending)
+    return min(_TIMED_JOBS, max(_LEAST_TIMED, pending // _JOBS_PER_TIMED), pending)
 
 
 def sampled_rows(planned: Plan) -> NDArray[np.int64]:

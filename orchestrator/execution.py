@@ -18,7 +18,7 @@ from toppling.orchestrator.context import Answer, JobSelection, RunError, RunPro
 from toppling.orchestrator.dask_cluster import DaskCluster
 from toppling.orchestrator.dispatch import FIRST_JOBS, Batch, Dispatch, why_given_up
 from toppling.orchestrator.interrupt import held_back
-from toppling.orchestrator.journal import tell
+from toppling.orchestrator.journal import log_event
 from toppling.orchestrator.plan import Rows
 from toppling.orchestrator.task import RunKey, lost_row, shake_batch
 from toppling.results.schema import SCHEMA
@@ -165,12 +165,12 @@ class Execution:
 
     def _rejoin(self, error: BaseException) -> None:
         """Resubmit all batches in flight once the scheduler, or another at its address, answers."""
-        tell("scheduler lost", error=repr(error))
+        log_event("scheduler lost", error=repr(error))
         self.cluster.rejoin(self.work.run_keys, error)
         for batch in self._flying.values():
             self.dispatch.came_back(batch, done=0)
         self._flying.clear()
-        tell("scheduler came back")
+        log_event("scheduler came back")
         self._looked = -math.inf
 
     def _take(self, answer: Answer) -> None:
@@ -188,7 +188,7 @@ class Execution:
             self._take_death(answer, batch)
             done = len(batch.jobs)
         elif answer.kind == "left":
-            tell("worker left", worker=answer.worker, jobs=len(batch.jobs))
+            log_event("worker left", worker=answer.worker, jobs=len(batch.jobs))
         elif answer.kind == "undelivered":
             if problem := self.cluster.deliver(answer.value, self.work.run_keys):
                 self._dismiss(answer.worker, problem)
@@ -241,15 +241,15 @@ class Execution:
         self.cluster.look(self.progress.work_left_s, len(self._flying))
         workers = self.cluster.threads()
         if workers != self.progress.workers:
-            tell("workers changed", workers=workers, before=self.progress.workers)
+            log_event("workers changed", workers=workers, before=self.progress.workers)
         self.progress.workers = workers
-        self._since = {one: self._since.get(one, now) for one in self.cluster.processing()}
+        self._since = {pair: self._since.get(pair, now) for pair in self.cluster.processing()}
         patience_s = self._budget_s + self.work.limits.job_s
-        late = {one for one, since in self._since.items() if now - since > patience_s}
+        late = {pair for pair, since in self._since.items() if now - since > patience_s}
         if late:
             self._overdue |= {key for _, key in late}
-            for one in late:
-                del self._since[one]
+            for pair in late:
+                del self._since[pair]
             hanging = sorted({worker for worker, _ in late})
             log.warning("no answer for %g s from %s: replaced", self.work.limits.job_s, ", ".join(hanging))
             self.cluster.replace(hanging)
@@ -275,5 +275,5 @@ class Execution:
             if self.work.redo:
                 self.progress.again -= sum(job in self.work.redo for job in rows["job_id"].to_pylist())
             self._unstored = []
-            tell("rows stored", **self.progress.summary())
+            log_event("rows stored", **self.progress.summary())
             self._flushed = time.monotonic()

@@ -155,7 +155,7 @@ class Uninterrupted(AbstractContextManager[_Entered]):
 
 
 @contextmanager
-def kept_from_children() -> Iterator[None]:
+def signals_blocked() -> Iterator[None]:
     """Block Ctrl-C and SIGHUP in threads started within the block, and in their child processes.
 
     A terminal sends these signals to all processes, but the main thread shuts down the others without messages.

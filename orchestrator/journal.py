@@ -1,6 +1,6 @@
 """Log of a run's events, one JSON object per line of `run.log`.
 
-Events are written by :func:`tell`; warnings of the orchestrator and the store are included automatically.
+Events are written by :func:`log_event`; warnings of the orchestrator and the store are included automatically.
 """
 
 import json
@@ -27,7 +27,7 @@ _events.propagate = False  # the terminal shows progress and warnings, but not e
 _events.setLevel(logging.INFO)
 
 
-def tell(event: str, **fields: Any) -> None:
+def log_event(event: str, **fields: Any) -> None:
     """Log an event with its fields."""
     _events.info(event, extra={"fields": fields})
 

@@ -79,7 +79,7 @@ def read_keys(
     Raises InputError if a key is unknown or missing, or a value is out of its range.
     """
     known = {key.name: key for key in keys}
-    content = {name: one for name, one in content.items() if one is not None or name not in known}
+    content = {name: value for name, value in content.items() if value is not None or name not in known}
     if unknown := [name for name in content if name not in known]:
         remedy = (instead or {}).get(unknown[0]) or did_you_mean(unknown[0], known, "correct or remove it")
         raise Place(where).wrong(
@@ -138,7 +138,7 @@ def path(given: Any, place: Place) -> Path:
 
 def texts(given: Any, place: Place) -> tuple[str, ...]:
     """Read a list of distinct texts."""
-    if not isinstance(given, list) or not given or not all(isinstance(one, str) and one for one in given):
+    if not isinstance(given, list) or not given or not all(isinstance(text, str) and text for text in given):
         raise place.wrong("campaign.value_unusable", shown(given))
     return tuple(distinct(given, place))
 
@@ -168,9 +168,9 @@ def axis(fits: Callable[[float], bool], instead: str | None = None) -> _Reader:
             raise place.wrong(
                 "campaign.list_empty", shown(numbers), remedy="at least one value is needed to have a job"
             )
-        if strange := [one for one in numbers if not is_number(one) or not fits(one)]:
+        if strange := [number for number in numbers if not is_number(number) or not fits(number)]:
             raise place.wrong("campaign.value_unusable", shown(strange[0]))
-        return tuple(float(one) for one in distinct(numbers, place))
+        return tuple(float(number) for number in distinct(numbers, place))
 
     return read
 
@@ -204,7 +204,7 @@ def distinct(values: list, place: Place) -> list:
         raise place.wrong(
             "campaign.list_too_long", f"{len(values)} values", f"at most {_MOST_ON_AN_AXIS}", "leave some out"
         )
-    if repeated := [shown(one) for one, count in Counter(values).items() if count > 1]:
+    if repeated := [shown(value) for value, count in Counter(values).items() if count > 1]:
         what = f"{', '.join(sorted(repeated)[:10])} given twice"
         raise place.wrong("campaign.value_repeated", what, "every value once", "remove the repetition")
     return values

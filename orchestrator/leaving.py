@@ -26,7 +26,7 @@ _GRACE_S = 5.0
 _LOOK_S = 0.02
 """Interval between checks whether the current job has ended, s."""
 _PLUGIN = "toppling-leaving"
-_GOODBYE = {"action": "closing-worker", "reason": "told to leave"}
+_EXIT_EVENT = {"action": "closing-worker", "reason": "told to leave"}
 """Event that announces an exit, in the form of Dask's event, which a worker sends only when it closes."""
 _SERVED: set[str] = set()
 """Clients whose workers have the plugin."""
@@ -54,10 +54,10 @@ class _LeaveInOrder(WorkerPlugin):
     async def teardown(self, worker: Worker) -> None:
         """Let the nanny, which should end with its worker, restart it if the scheduler is lost."""
         if self.outlive and worker.nanny and not LEAVING.is_set():
-            gone = True
+            lost = True
             with contextlib.suppress(OSError):
-                gone = await _scheduler_of(worker) != self.scheduler
-            if gone:
+                lost = await _scheduler_of(worker) != self.scheduler
+            if lost:
                 async with worker.rpc(str(worker.nanny)) as nanny:
                     await nanny.run(function=dumps(_go_on))
 
@@ -91,15 +91,17 @@ def leaving_in_order(client: Client) -> Iterator[None]:
                 client.unregister_worker_plugin(_PLUGIN)
 
 
-def was_told_to_leave(client: Client, address: str) -> bool:
+def announced_exit(client: Client, address: str) -> bool:
     """Whether a lost worker had announced its exit."""
     events = client.get_events(address) or ()
-    return any(isinstance(event, dict) and event.get("action") == _GOODBYE["action"] for _, event in events)
+    return any(
+        isinstance(event, dict) and event.get("action") == _EXIT_EVENT["action"] for _, event in events
+    )
 
 
 async def _leave(worker: Worker) -> None:
     LEAVING.set()
-    worker.log_event(worker.address, _GOODBYE)
+    worker.log_event(worker.address, _EXIT_EVENT)
     exit_anyway = threading.Timer(
         3 * _GRACE_S, os._exit, (0,)
     )  # a blocked connection may delay any of the following

@@ -21,7 +21,7 @@ from distributed.deploy.spec import ProcessInterface
 from distributed.security import Security
 from distributed.system import MEMORY_LIMIT
 
-from toppling.orchestrator.journal import tell
+from toppling.orchestrator.journal import log_event
 from toppling.orchestrator.worker_start import WorkerProcess, worker_process
 
 log = logging.getLogger(__name__)
@@ -29,7 +29,7 @@ log = logging.getLogger(__name__)
 _DEATHS_AT_START = 2
 """Number of consecutive deaths at the start after which no process is started."""
 
-_MEMORY_SHARE, _LOOK_S, _CLOSE_LOOK_S = 0.95, 1.0, 0.02
+_MEMORY_FRACTION, _LOOK_S, _CLOSE_LOOK_S = 0.95, 1.0, 0.02
 """Fraction of a worker's part of the machine's memory at which it is ended; intervals of checks during work and at the
 end, s."""
 
@@ -44,9 +44,9 @@ class LocalWorkers(SpecCluster):
         host = "127.0.0.1"
         scheduler = {"host": host, "port": 0, "protocol": "tls://", "security": security,
                      "dashboard": False, "dashboard_address": f"{host}:0"}  # fmt: skip
-        told = {"scratch": scratch, "config": dask.config.config,
+        settings = {"scratch": scratch, "config": dask.config.config,
                 "security": security.get_tls_config_for_role("worker")}  # fmt: skip
-        worker = {"session": self, "told": told, "memory": _MEMORY_SHARE * MEMORY_LIMIT / most}
+        worker = {"session": self, "settings": settings, "memory": _MEMORY_FRACTION * MEMORY_LIMIT / most}
         parts = {
             "scheduler": {"cls": Scheduler, "options": scheduler},
             "worker": {"cls": _LocalWorker, "options": worker},
@@ -63,10 +63,12 @@ class _LocalWorker(ProcessInterface):
     """Worker process that a thread restarts when it dies."""
 
     def __init__(
-        self, scheduler: str, name: Any, session: LocalWorkers, told: dict[str, Any], memory: float
+        self, scheduler: str, name: Any, session: LocalWorkers, settings: dict[str, Any], memory: float
     ) -> None:
         super().__init__()
-        self._told = json.dumps({**told, "scheduler": scheduler, "name": name}, default=str).encode() + b"\n"
+        self._settings = (
+            json.dumps({**settings, "scheduler": scheduler, "name": name}, default=str).encode() + b"\n"
+        )
         self._name, self._session, self._memory = name, session, memory
         self._worker: WorkerProcess | None = None
         self._keeper = threading.Thread(target=self._keep, name=f"worker {name}", daemon=True)
@@ -99,7 +101,7 @@ class _LocalWorker(ProcessInterface):
             if not self._closing:
                 self._session.why = why
                 self._session.deaths_at_start = 0 if joined else self._session.deaths_at_start + 1
-                tell("worker process died", worker=self._name, joined=joined, why=why)
+                log_event("worker process died", worker=self._name, joined=joined, why=why)
 
     def _live(self) -> tuple[bool, str]:
         """Start a process and wait for its end; returns whether it had joined, and the cause of its end."""
@@ -110,7 +112,7 @@ class _LocalWorker(ProcessInterface):
             assert process.stdin
             assert process.stdout
             with contextlib.suppress(OSError):
-                process.stdin.write(self._told)
+                process.stdin.write(self._settings)
                 process.stdin.flush()
             joined = bool(process.stdout.readline())
             self._session.deaths_at_start *= not joined

@@ -20,7 +20,7 @@ _RECORDS_TOGETHER = 64
 """Number of records per block, as many as a worker caches."""
 _JOBS_OF_A_RECORD = 4
 """Number of jobs per record in a block if there are more records than that: loading one takes a few milliseconds."""
-_SCENES_KEPT = 8
+_SCENES_CACHED = 8
 """Number of scenes that a worker caches."""
 JOBS_OF_A_SCENE = 128
 """Number of successive jobs of a scene if there are more scenes than that: preparing one takes a third of a second."""
@@ -63,7 +63,7 @@ def _along_diagonal(*sizes: int) -> NDArray[np.int64]:
 def block_jobs(records: int, levels: int, azimuths: int, scenes: int) -> tuple[int, int]:
     """Number of groups that records are divided into, and number of jobs of a record in a block."""
     groups = 1 if scenes == 1 else math.ceil(records / _RECORDS_TOGETHER)
-    if scenes > _SCENES_KEPT:
+    if scenes > _SCENES_CACHED:
         jobs = math.ceil(JOBS_OF_A_SCENE * groups / records)
     else:
         jobs = _JOBS_OF_A_RECORD if records / groups > _RECORDS_TOGETHER else 1

@@ -59,7 +59,7 @@ def statics_of(scene: Scene) -> Statics:
     stands = settled(scene)
     azimuths = range(0, 360, _AZIMUTH_STEP_DEG)
     found = stands.quasi_static_toppling_m_s2(azimuths)
-    azimuth_deg, least_m_s2 = min(found, key=lambda one: one[1])
+    azimuth_deg, least_m_s2 = min(found, key=lambda pair: pair[1])
     return Statics(least_m_s2, azimuth_deg)
 
 

@@ -118,10 +118,10 @@ class Plan:
     def columns(self) -> dict[str, NDArray]:
         """Table of jobs as arrays (n,): indices of records and `scenes`, axes, durations of records."""
         record, scene = (self.jobs.column(name).combine_chunks() for name in ("record_id", "scene_id"))
-        number = {one.scene_id: number for number, one in enumerate(self.scenes)}
+        number = {scene.scene_id: number for number, scene in enumerate(self.scenes)}
         scenes = np.array([number[name] for name in scene.dictionary.to_pylist()], np.int64)[scene.indices]
         records = record.indices.to_numpy()
-        known = [[one.duration_s.get(name, np.nan) for name in self.records] for one in self.scenes]
+        known = [[scene.duration_s.get(name, np.nan) for name in self.records] for scene in self.scenes]
         axes = {name: self.jobs.column(name).to_numpy() for name in AXES}
         duration_s = np.array(known)[scenes, records]
         return {"record_id": records, "scene_id": scenes, **axes, "duration_s": duration_s}
@@ -190,7 +190,7 @@ class Plan:
         content = dataclasses.asdict(self.spec(int(rows[0]))) | {name: f"<{name}>" for name in names}
         text = json.dumps({**content, "physics_version": PHYSICS_VERSION}, sort_keys=True).replace("%", "%%")
         sha = self.scenes[self.columns["scene_id"][rows[0]]].record_sha
-        records = [(json.dumps(one), json.dumps(sha.get(one))) for one in self.records]
+        records = [(json.dumps(name), json.dumps(sha.get(name))) for name in self.records]
         used = [records[number] for number in self.columns["record_id"][rows].tolist()]
         texts: dict[str, Sequence[str]] = dict(zip(names, zip(*used, strict=True), strict=False))
         texts |= {name: [*map(repr, self.columns[name][rows].tolist())] for name in AXES}
@@ -198,7 +198,7 @@ class Plan:
         for name in names:
             text = text.replace(f'"<{name}>"', "%s")
         differing = zip(*(texts[name] for name in places), strict=True)
-        return [hashlib.sha256((text % one).encode()).hexdigest()[:24] for one in differing]
+        return [hashlib.sha256((text % values).encode()).hexdigest()[:24] for values in differing]
 
 
 def _numbered(values: NDArray) -> NDArray[np.int64]:

@@ -6,7 +6,7 @@ from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from typing import Any
 
-from toppling.orchestrator.interrupt import ENDS, kept_from_children
+from toppling.orchestrator.interrupt import ENDS, signals_blocked
 
 _ASSETS: list[Any] = []
 
@@ -21,7 +21,7 @@ def pool_of(count: int, *assets: Any) -> Iterator[ProcessPoolExecutor]:
     """Pool of processes that ignore Ctrl-C, and are killed immediately if the block fails."""
     pool = ProcessPoolExecutor(count, initializer=_begin, initargs=assets)
     try:
-        with kept_from_children():
+        with signals_blocked():
             pool.submit(bool).result()  # all of them start with the first task
         yield pool
     except BaseException:

@@ -44,16 +44,16 @@ def _model() -> str:
     return platform.processor() or platform.machine()
 
 
-def one_blas_thread() -> None:
+def single_blas_thread() -> None:
     """Limit BLAS to one thread in this process: several may sum in a different order."""
     threadpool_limits(1, user_api="blas")
 
 
 def blas_kernel() -> str:
     """Kernel selected by NumPy's OpenBLAS, or the name of another BLAS library."""
-    loaded = [one for one in threadpool_info() if one["user_api"] == "blas"]
-    for one in sorted(loaded, key=lambda one: "numpy.libs" not in one["filepath"]):
-        return str(one.get("architecture") or one["internal_api"])
+    loaded = [library for library in threadpool_info() if library["user_api"] == "blas"]
+    for library in sorted(loaded, key=lambda library: "numpy.libs" not in library["filepath"]):
+        return str(library.get("architecture") or library["internal_api"])
     with suppress(KeyError, TypeError):  # a library unknown to threadpoolctl, such as Apple's
         return str(np.show_config(mode="dicts")["Build Dependencies"]["blas"]["name"])
     return "unknown"

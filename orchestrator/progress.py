@@ -72,11 +72,11 @@ def bar(
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
         with Progress(*columns, console=console, transient=True) as shown:
             task = shown.add_task(what, total=total)
-            advance.show = lambda one: shown.update(
+            advance.show = lambda state: shown.update(
                 task,
-                completed=one.done,
-                total=one.total,
-                description=plain_text(f"{what} {one.doing}".rstrip()),
+                completed=state.done,
+                total=state.total,
+                description=plain_text(f"{what} {state.doing}".rstrip()),
             )
             yield advance
         return
@@ -115,26 +115,26 @@ def watcher() -> Iterator[ProgressCallback]:
     with Progress(*columns, TextColumn("{task.fields[pace]}"), console=console) as shown:
         task = shown.add_task("shaking", total=None, pace="starting workers")
 
-        def watch(one: RunProgress) -> None:
-            pace = pace_and_counts(one)
+        def watch(run: RunProgress) -> None:
+            pace = pace_and_counts(run)
             shown.update(
-                task, total=one.total, completed=one.before + one.done, description=one.what, pace=pace
+                task, total=run.total, completed=run.before + run.done, description=run.what, pace=pace
             )
 
         yield watch
 
 
 def _lines(console: Console) -> ProgressCallback:
-    last, ended, told = time.monotonic(), "", False
+    last, ended, shown = time.monotonic(), "", False
 
     def watch(progress: RunProgress) -> None:
-        nonlocal last, ended, told
+        nonlocal last, ended, shown
         complete = progress.before + progress.done == progress.total and progress.what != ended
         # The first line waits until the remaining time can be estimated.
         if complete or time.monotonic() - last >= (
-            _LINE_EVERY_S if told or not progress.done else _FIRST_LINE_S
+            _LINE_EVERY_S if shown or not progress.done else _FIRST_LINE_S
         ):
-            last, told = time.monotonic(), True
+            last, shown = time.monotonic(), True
             ended = progress.what if complete else ended
             what = "" if progress.what == "shaking" else f"{progress.what}: "
             done = f"{progress.before + progress.done}/{progress.total} jobs"

@@ -31,12 +31,12 @@ class Recorded:
     @property
     def identity(self) -> tuple[str, ...]:
         """All that determines weights: number of shakes, hashes of motions, and whether azimuths are known."""
-        return (f"stood {SHAKES}", *sorted(f"{one.sha} {one.north_known}" for one in self.records))
+        return (f"stood {SHAKES}", *sorted(f"{record.sha} {record.north_known}" for record in self.records))
 
     def write(self, folder: Path) -> None:
         """Write the motions to a folder as two ensembles, with known and with unknown azimuths."""
         for name in ENSEMBLES:
-            chosen = [one for one in self.records if one.north_known == (name == ENSEMBLES[0])]
+            chosen = [record for record in self.records if record.north_known == (name == ENSEMBLES[0])]
             if chosen:
                 (folder / name).mkdir(parents=True)
                 Ensemble.write(folder / name / "ensemble", chosen)

@@ -46,13 +46,13 @@ class Settlings:
     @property
     def problems(self) -> list[InputError]:
         """Reasons why the rock does not stand."""
-        return [one for one in self.with_friction.values() if isinstance(one, InputError)]
+        return [found for found in self.with_friction.values() if isinstance(found, InputError)]
 
     @property
     def largest(self) -> Settling | None:
         """Settling with the largest tilt; None if the rock stands with no friction."""
-        stands = [one for one in self.with_friction.values() if isinstance(one, Settling)]
-        return max(stands, key=lambda one: one.tilt_deg, default=None)
+        stands = [found for found in self.with_friction.values() if isinstance(found, Settling)]
+        return max(stands, key=lambda settling: settling.tilt_deg, default=None)
 
     def checked(self) -> Settling | None:
         """Largest settling; InputError if the rock does not stand with every friction, which every job would repeat."""
@@ -63,7 +63,7 @@ class Settlings:
 
 def settlings_of(plan: Plan) -> list[Settlings]:
     """Settling of each rock of a plan."""
-    return [Settlings.of(one.campaign, Scene.load(one.campaign.scene)) for one in plan.scenes]
+    return [Settlings.of(scene.campaign, Scene.load(scene.campaign.scene)) for scene in plan.scenes]
 
 
 def site_in_run(scene: PlannedScene) -> Site:
@@ -93,7 +93,7 @@ def scene_entries(plan: Plan, settlings: Sequence[Settlings]) -> dict[str, Any]:
 
     Raises InputError if a single rock does not stand.
     """
-    largest = [one.largest and one.largest.to_json() for one in settlings]
+    largest = [rock.largest and rock.largest.to_json() for rock in settlings]
     if not plan.campaign.sites:
         settlings[0].checked()
         return {"settling": largest[0]}

@@ -15,7 +15,7 @@ from toppling.orchestrator.admission import make_ready
 from toppling.orchestrator.context import JobSelection, ProgressCallback, RunProgress, Stage, Work
 from toppling.orchestrator.dispatch import USUAL_LIMITS, Limits
 from toppling.orchestrator.execution import ROUNDS, rows_lost, work_off
-from toppling.orchestrator.journal import journal, tell
+from toppling.orchestrator.journal import journal, log_event
 from toppling.orchestrator.leaving import leaving_in_order
 from toppling.orchestrator.plan import Plan
 from toppling.orchestrator.run_folder import note, prepare, remarks, session, set_jobs
@@ -59,7 +59,7 @@ def run(
     here = dict(versions(campaign.engine))
     prepare(folder, planned, here)
     with session(folder) as notes, journal(folder):
-        tell("session began", process=os.getpid(), jobs=len(planned), versions=here, again=[*again])
+        log_event("session began", process=os.getpid(), jobs=len(planned), versions=here, again=[*again])
         for sentence, fields in remarks(folder):
             log.warning("%s", sentence, extra={"fields": fields})
         try:
@@ -71,9 +71,9 @@ def run(
             begun = _Session(planned, folder, notes, selection, redo, progress)
             begun.carry_out(cluster, watch, limits, [Weighing(run), *stages], finished)
         except BaseException as error:
-            tell("session ended", how=type(error).__name__, why=str(error))
+            log_event("session ended", how=type(error).__name__, why=str(error))
             raise
-        tell("session ended", how="complete", **progress.summary())
+        log_event("session ended", how="complete", **progress.summary())
     return progress
 
 
@@ -98,16 +98,16 @@ class _Session:
     ) -> None:
         """Do the remaining work until all rows exist; `finished` are jobs with rows when the session began."""
         planned, folder, selection, progress = self.planned, self.folder, self.selection, self.progress
-        first = [one for one in stages if one.before and one.due(planned, folder)]
-        last = [one for one in stages if not one.before]
+        first = [stage for stage in stages if stage.before and stage.due(planned, folder)]
+        last = [stage for stage in stages if not stage.before]
         if not first:
             left = selection.pending(finished - self.redo.keys())
             if not len(left):
                 left = selection.pending(self.merge())
             progress.total = len(selection)
-            if not len(left) and not any(one.due(planned, folder) for one in last):
+            if not len(left) and not any(stage.due(planned, folder) for stage in last):
                 return
-        tell("work began", **progress.summary())
+        log_event("work began", **progress.summary())
         with ExitStack() as until_done:
             # A client passed by the caller stays open.
             client = until_done.enter_context(

@@ -36,7 +36,7 @@ _ASKED = ("audit", "precision", "target")
 KEY_FOLDERS = ".toppling-key-"
 """Prefix of the folders in which batch jobs find the session's key; a killed session leaves them."""
 
-_GOES_ON, _INTERRUPTED = "running", "interrupted"
+_RUNNING, _INTERRUPTED = "running", "interrupted"
 """State of a session in `run.json` during it, and after an interruption."""
 
 _LOCK_PATIENCE_S = 1.0
@@ -76,9 +76,9 @@ def begin(run: Path, plan: "Plan", versions: dict[str, str]) -> None:
         without_stand = list(rows_without_stand(plan, settlings))
     with new_folder(run) as staging:
         (staging / PARTS_FOLDER).mkdir()
-        for one in plan.scenes:
-            _copy_known(one.campaign.scene, staging / one.scene_place, run_integrity.SCENE_FILES)
-        for path, source in {one.ensemble_place: one.campaign.ensemble for one in plan.scenes}.items():
+        for scene in plan.scenes:
+            _copy_known(scene.campaign.scene, staging / scene.scene_place, run_integrity.SCENE_FILES)
+        for path, source in {scene.ensemble_place: scene.campaign.ensemble for scene in plan.scenes}.items():
             _copy_known(source, staging / path, run_integrity.ENSEMBLE_FILES)
         stood = []
         if plan.recorded:
@@ -115,12 +115,12 @@ def begin(run: Path, plan: "Plan", versions: dict[str, str]) -> None:
 def remarks(run: Path) -> list[tuple[str, dict[str, Any]]]:
     """Remarks on a run's rocks before its jobs: sentences with the entries that they are based on."""
     content = describe(run)
-    found = [(f"{one['rock']} is left out: {one['why']}", one) for one in content.get("left_out") or ()]
-    for one in content.get("scenes") or [{"settling": content.get("settling")}]:
-        name = f"{one['rock']}: " if "rock" in one else ""
-        if one.get("problem"):
-            found.append((f"{name}{one['problem']}", {"rock": one["rock"]}))
-        settles = dict(one["settling"] or {})
+    found = [(f"{rock['rock']} is left out: {rock['why']}", rock) for rock in content.get("left_out") or ()]
+    for scene in content.get("scenes") or [{"settling": content.get("settling")}]:
+        name = f"{scene['rock']}: " if "rock" in scene else ""
+        if scene.get("problem"):
+            found.append((f"{name}{scene['problem']}", {"rock": scene["rock"]}))
+        settles = dict(scene["settling"] or {})
         if sentence := settles.pop("sentence", None):
             found.append((f"{name}{sentence}", settles))
     return found
@@ -181,12 +181,12 @@ def session(run: Path) -> Iterator[dict[str, Any]]:
         lock.write(f"{socket.gethostname()}:{os.getpid()}\n")
         lock.flush()
         _sweep(run)
-        notes = {"started_at": _now(), "host": socket.gethostname(), "ended": _GOES_ON}
+        notes = {"started_at": _now(), "host": socket.gethostname(), "ended": _RUNNING}
         note(run, notes, new=True)
         try:
             yield notes
         finally:
-            if notes["ended"] == _GOES_ON:
+            if notes["ended"] == _RUNNING:
                 notes["ended"] = _INTERRUPTED
             note(run, notes)
 
@@ -196,7 +196,7 @@ def note(run: Path, notes: dict[str, Any], *, new: bool = False) -> None:
     if not new:
         notes["ended_at"] = _now()
     content = describe(run)
-    sessions = [ended(one) for one in content["sessions"]] if new else content["sessions"][:-1]
+    sessions = [ended(session) for session in content["sessions"]] if new else content["sessions"][:-1]
     content["sessions"] = [*sessions, notes]
     digest.write_json(run / "run.json", content)
 
@@ -210,7 +210,7 @@ def set_jobs(run: Path, jobs: int) -> None:
 
 def ended(notes: dict[str, Any]) -> dict[str, Any]:
     """Notes of a past session, which is marked as interrupted if it did not end by itself."""
-    return notes | {"ended": _INTERRUPTED} if notes.get("ended") == _GOES_ON else notes
+    return notes | {"ended": _INTERRUPTED} if notes.get("ended") == _RUNNING else notes
 
 
 def place_in(run: Path, name: str) -> Path:
@@ -340,7 +340,8 @@ def _campaign_differs(run: Path, plan: "Plan", described: Mapping[str, Any]) -> 
     compared = [name for name in {**there, **here} if name in unwritten or (name in there and name in here)]
     differing = [name for name in compared if there.get(name) != here.get(name) and name not in _ASKED]
     values = [
-        ", here ".join(shown(one.get(name, "not given")) for one in (there, here)) for name in differing
+        ", here ".join(shown(campaign.get(name, "not given")) for campaign in (there, here))
+        for name in differing
     ]
     content = {"scene": plan.scene_id, "ensemble": plan.ensemble_id}
     other = [name for name, own in content.items() if described.get(f"{name}_id", own) != own]

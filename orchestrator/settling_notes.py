@@ -12,8 +12,8 @@ from toppling.models.settling import Settling
 from toppling.models.statics import polygon, support_polygon_m, tipping_m_s2
 from toppling.workers.seating import settled
 
-_MEANT_FROM_DEG = 1.0
-_MEANT_FROM_SHARE = 0.01
+_LARGE_FROM_DEG = 1.0
+_LARGE_FROM_FRACTION = 0.01
 """Displacement over height from which, as from that tilt, a settling exceeds the error of an interface."""
 
 _WHY_A_SCANNED_ROCK_SETTLES = (
@@ -66,25 +66,25 @@ class Settled:
     def is_large(self) -> bool:
         """Whether the settling exceeds the interface's error, so that it should be inspected."""
         found = self.settling
-        return found.tilt_deg >= _MEANT_FROM_DEG or found.way_m >= _MEANT_FROM_SHARE * found.height_m
+        return found.tilt_deg >= _LARGE_FROM_DEG or found.way_m >= _LARGE_FROM_FRACTION * found.height_m
 
     @property
     def sentences(self) -> list[str]:
         """Sentences on the settling, with an explanation and remedies if it is large."""
         ground, rounded = self.scanned.ground, self.scanned.rounded_base
-        said = [
+        found = [
             None if ground.is_plane else ground.sentence,
             self.scanned.report.get("interface", {}).get("beside"),
             rounded.sentence if rounded is not None and (rounded.rolls or rounded.is_coarse) else None,
             self.settling.sentence,
         ]
-        sentences = [one for one in said if one]
+        sentences = [sentence for sentence in found if sentence]
         if self.settling.sentence and "unseen_base" in self.scanned.report:
             sentences[-1:] = [f"{sentences[-1]}; {_WHY_A_SCANNED_ROCK_SETTLES}"]
         if not (self.is_large and ground.is_plane):  # the explanation applies to a plane
             return sentences
         points = len(support_polygon_m(self.stands.rock, self.stands.pedestal))
-        before, after = (min(value for _, value in one) for one in (self.rose_scanned, self.rose_stands))
+        before, after = (min(value for _, value in rose) for rose in (self.rose_scanned, self.rose_stands))
         if self.scanned.report:
             why = "no scanner saw the base, and the surface that closes it does not carry the rock as it was scanned"
             remedy = "where you know that rock and pedestal touch, scan again with --point x,y,z (three or more) or "

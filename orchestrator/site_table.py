@@ -78,7 +78,7 @@ SITE_KEYS = (
     Key("seismograms", path, "what 'records import' reads, relative to the table", "its own records; of a path that "
         "several rows name each takes those whose station is its site", None, "the campaign's"),
     Key("age", _age, "years: 20000, 15..30 ka, 20000+-3000", "how long the rock has stood", None, "not known"),
-    Key("friction", number(lambda one: 0 < one <= 10), "above 0 and up to 10", "of the rock on its pedestal", None,
+    Key("friction", number(lambda value: 0 < value <= 10), "above 0 and up to 10", "of the rock on its pedestal", None,
         "the campaign's"),
 )  # fmt: skip
 """Columns of a table of rocks."""
@@ -119,7 +119,7 @@ def _rows(given: Path) -> Iterable[dict[str, Any]]:
     if given.suffix.lower() == ".toml":
         content = documents.read_toml(given, _no_rocks)
         rows: Any = content.get("rock")
-        sound = isinstance(rows, list) and all(isinstance(one, dict) for one in rows)
+        sound = isinstance(rows, list) and all(isinstance(row, dict) for row in rows)
         if not sound or set(content) != {"rock"}:
             raise Place(str(given)).wrong(
                 "rocks.none_listed", "no list of rocks", "a table [[rock]] for each", "correct the file"
@@ -214,7 +214,7 @@ def scenes_matching(patterns: Sequence[str], place: Place) -> list[Path]:
         root = Path(pattern).anchor
         base = Path(root) if root else place.folder
         matches = sorted(base.glob(str(Path(pattern).relative_to(root) if root else pattern)))
-        scenes = [one for match in matches if ((one := _scene_folder(match)) / _SCENE_FILE).exists()]
+        scenes = [folder for match in matches if ((folder := _scene_folder(match)) / _SCENE_FILE).exists()]
         if not scenes:
             raise place.wrong(
                 "rocks.no_scene",
@@ -229,7 +229,9 @@ def scenes_matching(patterns: Sequence[str], place: Place) -> list[Path]:
 def joined(sites: Sequence[Site], scenes: Iterable[Path], where: str) -> tuple[Site, ...]:
     """Rocks of a table, and of further scenes that it does not list."""
     known = {site.scene.resolve() for site in sites}
-    further = [Site(one, rock_name(one), rock_name(one)) for one in scenes if one.resolve() not in known]
+    further = [
+        Site(scene, rock_name(scene), rock_name(scene)) for scene in scenes if scene.resolve() not in known
+    ]
     return _distinct_rocks((*sites, *further), where)
 
 
@@ -242,7 +244,7 @@ def _distinct_rocks(sites: tuple[Site, ...], where: str) -> tuple[Site, ...]:
         raise Place(where).wrong("rocks.empty", "holds no rock", "at least one", "add a row with a scene")
     counts = Counter(site.rock.casefold() for site in sites)
     if twice := [site for site in sites if counts[site.rock.casefold()] > 1]:
-        scenes = " and ".join(str(one.scene) for one in twice[:2])
+        scenes = " and ".join(str(site.scene) for site in twice[:2])
         remedy = "name them in a table's column 'rock', or give each scene once"
         raise Place(where).wrong(
             "rocks.name_repeated",
@@ -304,7 +306,10 @@ def seismograms_in(source: Path) -> tuple[Record, ...]:
         return tuple(ensemble.record(name) for name in ensemble.record_ids)
     came = import_records(record_files([source]), [], ImportOptions())
     if not came.records:
-        reasons = "; ".join(f"{one.subject}: {one.reason}" for one in came.refusals[:3]) or "no record file"
+        reasons = (
+            "; ".join(f"{refusal.subject}: {refusal.reason}" for refusal in came.refusals[:3])
+            or "no record file"
+        )
         remedy = "import them with 'toppling records import' and name the ensemble"
         raise Place(str(source)).wrong(
             "rocks.no_seismograms", reasons, "seismograms of three components", remedy
@@ -314,9 +319,11 @@ def seismograms_in(source: Path) -> tuple[Record, ...]:
 
 def _of_station(records: Iterable[Record], station: str | None, source: Path) -> list[Record]:
     """Records of a station, or all if no station is given; InputError if there are none."""
-    chosen = [one for one in records if station is None or one.station.casefold() == station.casefold()]
+    chosen = [
+        record for record in records if station is None or record.station.casefold() == station.casefold()
+    ]
     if not chosen:
-        there = ", ".join(sorted({one.station or "(none)" for one in records})[:5])
+        there = ", ".join(sorted({record.station or "(none)" for record in records})[:5])
         remedy = "name the station in the table's column 'site'"
         raise Place(str(source)).wrong(
             "rocks.no_record", f"no record of site {station}", f"one of its stations: {there}", remedy

@@ -23,7 +23,7 @@ _COLUMNS = ["job_id", "record_id", "status", "toppled", "message", "attempt", "f
 
 
 @dataclass(frozen=True)
-class Share:
+class LevelCount:
     """Numbers of answered and of toppled jobs of a level."""
 
     level_m_s2: float
@@ -31,7 +31,7 @@ class Share:
     toppled: int
 
     @property
-    def share(self) -> float:
+    def fraction(self) -> float:
         """Fraction toppled."""
         return self.toppled / self.jobs
 
@@ -42,17 +42,17 @@ def state_of(run: Path) -> dict[str, Any]:
     rows = read_steady([run], lambda: newest_rows(result_files(run), _COLUMNS))
     jobs, stored = described["jobs"], len(rows)
     running = is_running(run)
-    sessions = described["sessions"] if running else [ended(one) for one in described["sessions"]]
-    told = (last(run, "work began", "rows stored") if running else None) or {}
+    sessions = described["sessions"] if running else [ended(session) for session in described["sessions"]]
+    event = (last(run, "work began", "rows stored") if running else None) or {}
     status = {entry["values"]: entry["counts"] for entry in pc.value_counts(rows["status"]).to_pylist()}
     state: dict[str, Any] = {
         "state": "running" if running else "complete" if stored == jobs else "interrupted",
         "writer": writer_of(run) if running else "",
         "unfinished": Completeness(jobs, stored, 0 if running else rows_stored(described)).remark,
-        "jobs": jobs, "stored": stored, "again": told.get("again", 0), "toppled": pc.sum(rows["toppled"]).as_py() or 0,
+        "jobs": jobs, "stored": stored, "again": event.get("again", 0), "toppled": pc.sum(rows["toppled"]).as_py() or 0,
         "failed": stored - status.get("ok", 0), "status": status,
         "failures": _failures(rows.filter(pc.not_equal(rows["status"], "ok"))), "rate_per_s": None, "left_s": None,
-        "workers": told.get("workers"), "deaths": told.get("deaths"), "sessions": sessions,
+        "workers": event.get("workers"), "deaths": event.get("deaths"), "sessions": sessions,
     }  # fmt: skip
     state["audit"], state["audit_sentences"] = _audited(run)
     state["stood"], state["stood_sentences"] = _weighted(run)
@@ -95,14 +95,14 @@ def _weighted(run: Path) -> tuple[dict[str, Any], list[str]]:
     return summary, sentences(summary)
 
 
-def shares_of(run: Path) -> list[Share]:
+def level_counts(run: Path) -> list[LevelCount]:
     """Answered jobs and topplings of a run at each level."""
     columns = ["job_id", "level_pga_m_s2", "toppled", "attempt"]
     rows = read_steady([run], lambda: newest_rows(result_files(run), columns))
     answered = rows.filter(pc.is_valid(rows["toppled"]))
     grouped = answered.group_by("level_pga_m_s2", use_threads=False)
     table = grouped.aggregate([("toppled", "count"), ("toppled", "sum")]).to_pylist()
-    return [Share(row["level_pga_m_s2"], row["toppled_count"], row["toppled_sum"]) for row in table]
+    return [LevelCount(row["level_pga_m_s2"], row["toppled_count"], row["toppled_sum"]) for row in table]
 
 
 def _failures(rows: pa.Table) -> list[dict[str, Any]]:

@@ -22,9 +22,9 @@ from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.code_identity import code
-from toppling.orchestrator.delivery import NotKeptError, delivered, forget
+from toppling.orchestrator.delivery import StorageError, delivered, forget
 from toppling.orchestrator.leaving import LEAVING
-from toppling.orchestrator.processor import one_blas_thread, processor
+from toppling.orchestrator.processor import processor, single_blas_thread
 from toppling.results.store import table_of
 from toppling.workers.engines import DEFAULT, ENGINES
 from toppling.workers.job import Assets, JobSpec, identity, run_job
@@ -33,7 +33,7 @@ from toppling.workers.shake import compile_once
 
 log = logging.getLogger(__name__)
 
-_ONE_AT_A_TIME = threading.Lock()
+_ENGINE_LOCK = threading.Lock()
 """Lock of the engine, which is single per process: jobs of workers with several threads must wait for it."""
 
 Row = dict[str, Any]
@@ -88,11 +88,11 @@ def _version(name: str) -> str:
         return "not installed"
 
 
-ROCKS_KEPT = 2
+ROCKS_CACHED = 2
 """Number of rocks of an atlas that a worker caches: the current one, and the previous one for late batches."""
 
 
-@lru_cache(maxsize=ROCKS_KEPT)
+@lru_cache(maxsize=ROCKS_CACHED)
 def _assets_of(run_key: RunKey) -> Assets:
     """Load a scene and its ensemble, verified by their hashes and cached while the process shakes that rock.
 
@@ -129,7 +129,7 @@ def _loaded(what: str, load: Callable[[Path], Any], content_id: str, shared: Pat
         return found
     try:
         folder = delivered(content_id, _address())
-    except NotKeptError as error:
+    except StorageError as error:
         raise _unfit(f"{why}; {error}") from None
     found, why = _tried(what, load, content_id, folder)
     if found is None:
@@ -169,7 +169,7 @@ def shake_batch(run_key: RunKey, settings: Mapping[str, Any], jobs: pa.Table, bu
         spec = JobSpec(scene_id=run_key.scene_id, record_sha=sha, **job, **settings)
         if spec.job_id != job_id:
             raise _unfit(f"job {job_id} is {spec.job_id} here")
-        with _ONE_AT_A_TIME:
+        with _ENGINE_LOCK:
             try:
                 row = run_job(spec, assets)
             except OSError as error:  # a disk or a limit of this machine: another worker may succeed
@@ -193,7 +193,7 @@ async def check(run_key: RunKey) -> str:
     UnfitWorkerError, NotDeliveredError
         As :func:`_assets_of`.
     """
-    one_blas_thread()
+    single_blas_thread()
     pa.set_memory_pool(pa.system_memory_pool())  # Arrow's pool would retain 50 MB after reading records
     await asyncio.to_thread(_assets_of, run_key)
     return processor()["kernels"]

@@ -25,12 +25,12 @@ def main() -> None:
         _shake()  # loads the compiled code while the program that started this one checks its plan
     if not (line := sys.stdin.readline()):
         return
-    told = json.loads(line)
+    settings = json.loads(line)
     threading.Thread(target=_end_with_the_program, daemon=True).start()
-    dask.config.update(dask.config.config, told["config"])
+    dask.config.update(dask.config.config, settings["config"])
     if FOLDER is None:  # before it joins, or what it compiles would count as a job that hangs
         _shake()
-    asyncio.run(_work(told))
+    asyncio.run(_work(settings))
 
 
 def _shake() -> None:
@@ -43,8 +43,8 @@ def _end_with_the_program() -> None:
     os._exit(0)
 
 
-async def _work(told: dict[str, Any]) -> None:
-    key = told["security"]
+async def _work(settings: dict[str, Any]) -> None:
+    key = settings["security"]
     security = Security(
         tls_ca_file=key["ca_file"],
         tls_worker_cert=key["cert"],
@@ -52,7 +52,7 @@ async def _work(told: dict[str, Any]) -> None:
         require_encryption=True,
     )
     worker = Worker(
-        told["scheduler"], name=told["name"], nthreads=1, host="127.0.0.1", local_directory=told["scratch"],
+        settings["scheduler"], name=settings["name"], nthreads=1, host="127.0.0.1", local_directory=settings["scratch"],
         memory_limit=0, dashboard=False, dashboard_address="127.0.0.1:0", security=security,
     )  # fmt: skip
     async with worker:

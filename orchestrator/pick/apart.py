@@ -23,7 +23,7 @@ from toppling.models.scan.register import Registered, registered
 from toppling.models.scan.survey import work_out
 from toppling.models.scan.worked_out import WorkedOut
 from toppling.models.scene import Scene
-from toppling.orchestrator.interrupt import kept_from_children
+from toppling.orchestrator.interrupt import signals_blocked
 from toppling.orchestrator.pick.page import View, view_of
 from toppling.orchestrator.safe_path import without_working_folder
 
@@ -82,7 +82,7 @@ class Apart:
                 spawn = multiprocessing.get_context("spawn")
                 self._line, there = spawn.Pipe()
                 self._process = spawn.Process(target=_serve, args=(there,), daemon=True)
-                with without_working_folder(), kept_from_children():
+                with without_working_folder(), signals_blocked():
                     self._process.start()
                 there.close()
             return self._line
@@ -185,8 +185,8 @@ def _cloud(stored: Stored, note: _Note) -> Registered:
         _KNOWN.clear()
         fitted = registered(read)
         if fitted.cloud is not read:
-            kept = Stored.of(fitted.cloud, stored.folder / "registered")
-            fitted = dataclasses.replace(fitted, cloud=kept.cloud())
+            mapped = Stored.of(fitted.cloud, stored.folder / "registered")
+            fitted = dataclasses.replace(fitted, cloud=mapped.cloud())
         _KNOWN[stored.folder] = fitted
     return _KNOWN[stored.folder]
 
@@ -201,6 +201,6 @@ def look_around(stored: Stored, _: _Note) -> list[dict[str, Any]]:
     """Rocks in a cloud."""
     points = stored.cloud().points_m
     return [
-        {"top_m": each.top_m.tolist(), "height_m": each.height_m}
-        for each in find_candidates(points, surfels_of(points))
+        {"top_m": candidate.top_m.tolist(), "height_m": candidate.height_m}
+        for candidate in find_candidates(points, surfels_of(points))
     ]

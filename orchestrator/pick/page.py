@@ -78,7 +78,7 @@ class UserHints:
             elif name in _MANY:
                 if not isinstance(value, list) or len(value) > _MOST_PLACES:
                     raise _unusable("hint.value_unusable", f"{name} is {shown(value)}", "the page")
-                values[name] = tuple(numbers(each, _MANY[name], name) for each in value)
+                values[name] = tuple(numbers(place, _MANY[name], name) for place in value)
             else:
                 raise _unusable("hint.unknown", f"{shown(name)} is no hint", "the page")
         return cls(**values)
@@ -131,7 +131,7 @@ def _word(value: Any, among: tuple[str, ...], name: str) -> str:
 def _length(value: Any) -> tuple[_Place, _Place, float]:
     if not isinstance(value, list) or len(value) != 3:
         raise _unusable("hint.value_unusable", f"length is {shown(value)}", "the page")
-    start, end = (numbers(each, 3, "length") for each in value[:2])
+    start, end = (numbers(place, 3, "length") for place in value[:2])
     return start, end, numbers(value[2:], 1, "length")[0]
 
 
@@ -139,9 +139,11 @@ def numbers(value: Any, count: int, name: str) -> _Place:
     """Parse a list of `count` finite numbers; InputError for anything else."""
     good = isinstance(value, list) and len(value) == count
     # NaN compares as false, and huge integers compare without conversion to float.
-    if not good or not all(type(each) in (int, float) and abs(each) <= sys.float_info.max for each in value):
+    if not good or not all(
+        type(number) in (int, float) and abs(number) <= sys.float_info.max for number in value
+    ):
         raise _unusable("hint.value_unusable", f"{name} is {shown(value)}", "the page")
-    return tuple(float(each) for each in value)
+    return tuple(float(number) for number in value)
 
 
 _AROUND_HEIGHTS = 0.4
@@ -237,5 +239,7 @@ def tops(worked: WorkedOut) -> list[dict[str, Any]]:
     top, height = _top(worked), worked.observed.height_m
     own = {"top_m": top.tolist(), "height_m": height}
     others = worked.report["segmentation"]["other_candidates"]
-    apart = [each for each in others if np.linalg.norm(top - each["top_m"]) > _SAME_TOP_PER_HEIGHT * height]
+    apart = [
+        other for other in others if np.linalg.norm(top - other["top_m"]) > _SAME_TOP_PER_HEIGHT * height
+    ]
     return [own, *apart]

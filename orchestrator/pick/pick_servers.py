@@ -43,12 +43,12 @@ def pick_server(
     said = UserHints.of({
         "units": given["units"],
         "up": given["up"],
-        "length": given["length"] and [list(each) for each in given["length"][:2]] + [given["length"][2]],
+        "length": given["length"] and [list(place) for place in given["length"][:2]] + [given["length"][2]],
         "near": given["near"] and list(given["near"]),
         "plane": given["plane"] and list(given["plane"]),
-        "point": [list(each) for each in given["point"]],
+        "point": [list(point) for point in given["point"]],
         "outline": [] if hint is None else hint.anchors_m.tolist(),
-        **making.said_of_base(known),
+        **making.hints_on_base(known),
     })  # fmt: skip
     said.hint()
     surveyed = cast(CloudHints, {name: given[name] for name in OF_READING if name not in _OF_THE_PAGE})
@@ -57,7 +57,7 @@ def pick_server(
     def write(survey: Survey, said: UserHints) -> None:
         nonlocal mine
         notes = making.written(
-            survey, out, making.hints_said({**said.hints(), **surveyed}, said.inspection()), replaces=mine
+            survey, out, making.stated_hints({**said.hints(), **surveyed}, said.inspection()), replaces=mine
         )
         mine = True
         saved(making.Scanned(survey.scene, out, notes))
@@ -93,9 +93,9 @@ def again_server(
         refuse_existing(out)
     before = WorkedOut.read(scene)
     looked = inspection_of(given["contact"], **making.of_base(given))
-    kept = before.with_hints(looked)
-    said = UserHints.of(making.said_of_base(kept.inspection))
-    cloud, label = kept.cloud()
+    stored = before.with_hints(looked)
+    said = UserHints.of(making.hints_on_base(stored.inspection))
+    cloud, label = stored.cloud()
     # The folder's results belong to its hints, unless further hints are given.
     nothing_new = looked.says_nothing and not looked.touch_only
     survey = Survey(Scene.load(scene), label, (), before) if nothing_new else None
@@ -116,7 +116,7 @@ def again_server(
             write,
             str(out or scene),
             said,
-            Answer(said, kept, label, (), survey),
+            Answer(said, stored, label, (), survey),
         ),
         port,
     )

@@ -73,7 +73,7 @@ def _of_set(question: Question) -> tuple[EventSet, tuple[str, ...]]:
 def _of_curves(question: Question) -> tuple[EventSet, tuple[str, ...]]:
     """Convert curves of two measures to a set of events."""
     asked = question.asked
-    trees = [read_tree(question.hazard, replace(asked, measure=one)) for one in asked.measures]
+    trees = [read_tree(question.hazard, replace(asked, measure=name)) for name in asked.measures]
     return _of_two_trees(trees[0], trees[1], question.events.correlation), asked.measures
 
 
@@ -132,7 +132,7 @@ def _placed(
             expected="one site, or one for each rock",
             remedy="repeat --site in the order of the rocks",
         )
-    found = [_site_of(one, events) for one in asked] * (len(names) // len(asked))
+    found = [_site_of(site, events) for site in asked] * (len(names) // len(asked))
     return [number for number, _ in found], [away for _, away in found]
 
 
@@ -185,7 +185,9 @@ def _of_two_trees(first: HazardTree, second: HazardTree, correlation: float | No
     )
     readings: tuple[tuple[EventBranch, ...], ...] = ()
     if correlation is None:
-        readings = tuple(_joint_branches(first, second, one)[0] for one in np.linspace(*SCATTERS, READINGS))
+        readings = tuple(
+            _joint_branches(first, second, scatter)[0] for scatter in np.linspace(*SCATTERS, READINGS)
+        )
         notes += (
             f"two curves do not tell which magnitudes they are of: intervals are over scatters of {SCATTERS[0]:g} to "
             f"{SCATTERS[1]:g}",
@@ -236,7 +238,7 @@ def _rock(rock: Standing, events: EventSet, away: float | None) -> dict[str, Any
         }  # fmt: skip
     else:
         a, *slopes = rock.fragility.coefficients
-        terms = [f"{slope:+.2f} ln {short_name(one)}" for slope, one in zip(slopes, measures, strict=True)]
+        terms = [f"{slope:+.2f} ln {short_name(name)}" for slope, name in zip(slopes, measures, strict=True)]
         numbers = {"coefficients": [a, *slopes], "fragility": f"probit {a:.2f} {' '.join(terms)}"}
     return {
         "name": rock.name, "age": rock.age, **numbers, "site": site.name, "site_distance_km": away,

@@ -166,16 +166,16 @@ def constrain(
         If a rock or hazard cannot be read, or a rock has no fragility over the measure.
     """
     paths, age = asked_rocks.of_atlases(tuple(map(Path, rocks)), tuple(age), measure)
-    ages = _of_each(paths, [parse_age(text) for text in age] or [np.array([np.nan])])
-    since = _of_each(paths, [parse_since(text) for text in dates.fragile_since] or [None])
+    ages = _per_rock(paths, [parse_age(text) for text in age] or [np.array([np.nan])])
+    since = _per_rock(paths, [parse_since(text) for text in dates.fragile_since] or [None])
     dated = zip(
-        _of_each(paths, [*age] or [""]), _of_each(paths, [*dates.fragile_since] or [""]), strict=False
+        _per_rock(paths, [*age] or [""]), _per_rock(paths, [*dates.fragile_since] or [""]), strict=False
     )
-    given = [age_given(one, late) for one, late in dated]
+    given = [age_given(text, late) for text, late in dated]
     asked = HazardQuestion(sites[0] if sites else None, ratio, measure, years)
     question = Question(paths, ages, given, since, dates, tuple(hazard), asked, events, sites, confidence)
     _check(question, len(age), {"--where": where, "--stood": stood})
-    recorded = read_recorded([Path(one) for one in stood]) if stood else None
+    recorded = read_recorded([Path(path) for path in stood]) if stood else None
     jobs = {path: asked_rocks.read_jobs(path, where, trusted, recorded) for path in paths if path.is_dir()}
     return _answer(question, jobs, advance)
 
@@ -188,7 +188,7 @@ def _answer(
     return (_by_events if by_events else _by_curves)(question, jobs, advance)
 
 
-def _of_each(paths: Sequence[Path], values: list[Any]) -> list[Any]:
+def _per_rock(paths: Sequence[Path], values: list[Any]) -> list[Any]:
     """One value per rock: a single value is repeated."""
     return values * len(paths) if len(values) == 1 else values
 
@@ -240,7 +240,7 @@ def _by_curves(
     ]:
         content["stood"] = bases
     content["warnings"] = warnings = _warnings(paths, rested)
-    files = [Path(one) for one in sources(tree)] if tree else []
+    files = [Path(source) for source in sources(tree)] if tree else []
 
     def write(out: Path, stated: dict[str, Any]) -> int:
         return sum(1 for _ in write_constraint(statement, stated, out, asked.ratio))

@@ -111,8 +111,8 @@ def fragility(
     lines = _plane_reference(opened, jobs, directions) if reference else None
     folder = Path(out) if out else place_in(opened.path, "fragility")
     contacts = maps.by_contact(jobs)
-    each = _files_of_contact(planes.values()) + bool(within) + (10 + run_figures.FIT_PARTS) * fit + reference
-    advance(0, total=len(contacts) * each + 4 * len(by_surroundings(jobs)) + bool(audits))
+    steps = _files_of_contact(planes.values()) + bool(within) + (10 + run_figures.FIT_PARTS) * fit + reference
+    advance(0, total=len(contacts) * steps + 4 * len(by_surroundings(jobs)) + bool(audits))
     drawing = itertools.chain(
         run_figures.write_maps(jobs, folder, planes.values(), directions, lines, done),
         run_figures.write_directions(jobs, quasi_static, folder, within, done),

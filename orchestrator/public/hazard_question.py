@@ -57,13 +57,13 @@ def _weighted_paths(texts: Sequence[str]) -> tuple[list[Path], list[float] | Non
         )
     total = math.fsum(weights)
     if weights and abs(total - 1.0) > 1e-3:
-        shares = ", ".join(f"{weight / total:.4g}" for weight in weights)
+        scaled = ", ".join(f"{weight / total:.4g}" for weight in weights)
         raise InputError(
             "hazard.weights_sum",
             what=f"the weights sum to {total:.6g}",
             where="--hazard",
             expected="weights that sum to 1",
-            remedy=f"give all branches of the tree; if these are all, their weights are {shares}",
+            remedy=f"give all branches of the tree; if these are all, their weights are {scaled}",
         )
     return paths, weights or None
 

@@ -96,7 +96,7 @@ def scan(
     except InputError as error:
         raise in_files(error, [name for name, _ in cloud.files], contact) from None
     advance(1, "letting the rock stand")
-    return Scanned(result.scene, folder, written(result, folder, hints_said(hints, inspection), advance))
+    return Scanned(result.scene, folder, written(result, folder, stated_hints(hints, inspection), advance))
 
 
 def written(
@@ -165,11 +165,13 @@ def scan_again(
     """
     folder = Path(scene)
     advance(0, "reading")
-    kept = WorkedOut.read(folder).with_hints(inspection_of(contact, pull, touch, daylight, base, touch_only))
+    stored = WorkedOut.read(folder).with_hints(
+        inspection_of(contact, pull, touch, daylight, base, touch_only)
+    )
     advance(1, "drawing the hidden base")
-    drawn, kept = kept.scene()
+    drawn, stored = stored.scene()
     advance(1, "writing")
-    return written_again(folder, None if out is None else Path(out), drawn, kept)
+    return written_again(folder, None if out is None else Path(out), drawn, stored)
 
 
 def written_again(
@@ -187,7 +189,7 @@ def written_again(
         if (scene / LABELS).exists():
             shutil.copy2(scene / LABELS, staging)
         drawn.write_into(staging)
-        write_hints(staging / HINTS, hints_said(kept.said, kept.inspection))
+        write_hints(staging / HINTS, stated_hints(kept.said, kept.inspection))
         draw(staging)
     return Scanned(drawn, target, notes)
 
@@ -245,18 +247,18 @@ def of_base(hints: Mapping[str, Any]) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def said_of_base(known: Inspection) -> dict[str, Any]:
+def hints_on_base(known: Inspection) -> dict[str, Any]:
     """Hints on the base, by name, from an inspection."""
     return {
         "touch": known.touching_m.tolist(), "daylight": known.open_m.tolist(),
-        "pull": [list(each) for each in known.pulls], "base": known.base, "touch_only": known.touch_only,
+        "pull": [list(pull) for pull in known.pulls], "base": known.base, "touch_only": known.touch_only,
     }  # fmt: skip
 
 
-def hints_said(given: Mapping[str, Any], inspection: Inspection) -> dict[str, Any]:
+def stated_hints(given: Mapping[str, Any], inspection: Inspection) -> dict[str, Any]:
     """Hints of a scan for `hints.toml`, with the content of files instead of their paths."""
     gcp, outline = given.get("gcp"), given.get("outline")
-    said = {**given, **said_of_base(inspection), "gcp": control_point_lines(gcp) if gcp else None}
+    said = {**given, **hints_on_base(inspection), "gcp": control_point_lines(gcp) if gcp else None}
     if isinstance(outline, str | Path):
         said["outline"] = InterfaceHint.outline(outline).anchors_m
     return {key: plain(key, said.get(key)) for key in KEYS}

@@ -36,7 +36,7 @@ def query(
         If DuckDB refuses the query, or it would pool different experiments.
     """
     several = [runs] if isinstance(runs, Run | str | Path) else runs
-    return ask([_opened(one) for one in several], sql, trusted=trusted)
+    return ask([_opened(run) for run in several], sql, trusted=trusted)
 
 
 @dataclass(frozen=True)

@@ -73,19 +73,19 @@ def apart_km(paths: Sequence[Path], hazard: HazardTree | None) -> float:
     """
     entries = [(str(path), open_run(path).entry) for path in paths if path.is_dir()]
     places = {
-        name: (float(one["longitude"]), float(one["latitude"]))
-        for name, one in entries
-        if one.get("longitude") is not None and one.get("latitude") is not None
+        name: (float(entry["longitude"]), float(entry["latitude"]))
+        for name, entry in entries
+        if entry.get("longitude") is not None and entry.get("latitude") is not None
     }
-    pairs = [(one, other, places[one], places[other]) for one, other in combinations(places, 2)]
+    pairs = [(rock, other, places[rock], places[other]) for rock, other in combinations(places, 2)]
     if hazard and hazard.site:
         pairs += [(name, "the hazard's site", place, hazard.site) for name, place in places.items()]
-    far = [(float(distance_km(*here, there)), one, other) for one, other, here, there in pairs]
-    widest, one, other = max(far, default=(0.0, "", ""))
+    far = [(float(distance_km(*here, there)), rock, other) for rock, other, here, there in pairs]
+    widest, first, other = max(far, default=(0.0, "", ""))
     if hazard and widest > SITE_REACH_KM:
         raise InputError(
             "site.far_apart",
-            f"{one} and {other} lie {widest:,.0f} km apart",
+            f"{first} and {other} lie {widest:,.0f} km apart",
             where="--hazard",
             expected=f"rocks and curves of one site, within {SITE_REACH_KM:g} km, which feel the same events",
             remedy="constrain each rock by its folder with its own hazard, or give a set of events",
@@ -97,7 +97,7 @@ def measures_shared(rocks: Sequence[Path]) -> list[str]:
     """Measures for which all files of curves have a fragility; a run may have all of `COMPARED`."""
     stated = [[*read_curves(path)] if not path.is_dir() else [*COMPARED] for path in rocks]
     ordered = dict.fromkeys([*COMPARED, *stated[0]])
-    return [name for name in ordered if all(name in one for one in stated)]
+    return [name for name in ordered if all(name in names for names in stated)]
 
 
 def standing_rock(
@@ -126,7 +126,7 @@ def read_jobs(path: Path, where: str | None, trusted: bool, recorded: Recorded |
     if rocks := run.rocks:
         raise InputError(
             "run.several_rocks",
-            what=f"is a run of {len(rocks)} rocks: {', '.join(one.rock for one in rocks)}",
+            what=f"is a run of {len(rocks)} rocks: {', '.join(rock.rock for rock in rocks)}",
             where=str(path),
             expected="one rock",
             remedy=f"choose one: {rocks[0].path}",
@@ -174,12 +174,12 @@ def _weighed(path: Path, jobs: pd.DataFrame, recorded: Recorded, own: Weights | 
     scene = Scene.load(campaign.scene)
     check_weighable(scene, jobs["base"].nunique(), str(path))
     (contact,) = jobs[CONTACT].drop_duplicates().itertuples(index=False, name=None)
-    one = replace(campaign, friction=(contact[:2],), restitution=(contact[2],))
+    of_contact = replace(campaign, friction=(contact[:2],), restitution=(contact[2],))
     with TemporaryDirectory(prefix="toppling-stood-") as place:
         recorded.write(Path(place))
         with watcher() as watch, local(os.cpu_count() or 1) as client:
             shake = partial(shaken, cluster=nullcontext(client), watch=weighing(watch))
-            also = weigh(one, recorded, Path(place), shake)
+            also = weigh(of_contact, recorded, Path(place), shake)
     return joined(own, also) if own else also
 
 

@@ -76,8 +76,8 @@ def plan(campaign: Campaign | str | Path) -> Planned:
     if chosen.sites:
         planned = plan_of(chosen)
         entries = scene_entries(planned, settlings_of(planned))
-        problems = [f"{one['rock']}: {one['problem']}" for one in entries["scenes"] if one["problem"]]
-        problems += [f"{one['rock']} is left out: {one['why']}" for one in entries["left_out"]]
+        problems = [f"{scene['rock']}: {scene['problem']}" for scene in entries["scenes"] if scene["problem"]]
+        problems += [f"{rock['rock']} is left out: {rock['why']}" for rock in entries["left_out"]]
         return Planned(chosen, planned, None, None, problems, entries)
     scene, ensemble = Scene.load(chosen.scene), Ensemble.load(chosen.ensemble)
     planned = expand(chosen, scene, ensemble)

@@ -21,7 +21,7 @@ from toppling.models.files.digest import write_json
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.context import RunProgress, Work
 from toppling.orchestrator.execution import Execution
-from toppling.orchestrator.journal import tell
+from toppling.orchestrator.journal import log_event
 from toppling.orchestrator.plan import Plan
 from toppling.orchestrator.run_folder import describe, place_in
 from toppling.orchestrator.task import versions
@@ -69,7 +69,7 @@ AUDITORS = (
 
 def _auditors(campaign: Campaign) -> list[_Auditor]:
     """Auditors that are installed and applicable to a run of this campaign."""
-    return [one for one in AUDITORS if one.fits(campaign)]
+    return [auditor for auditor in AUDITORS if auditor.fits(campaign)]
 
 
 def affordable(campaign: Campaign, rows: pa.Table) -> int:
@@ -81,7 +81,7 @@ def affordable(campaign: Campaign, rows: pa.Table) -> int:
     share = PRESETS[campaign.preset].step_share / PRESETS[run_integrity.REFERENCE].step_share
     wall_s = pc.fill_null(rows["wall_s"], 0.0).to_numpy().astype(float)
     dearer = sum(
-        max(share, 1.0) if one.name == run_integrity.REFERENCE else 1.0 for one in _auditors(campaign)
+        max(share, 1.0) if auditor.name == run_integrity.REFERENCE else 1.0 for auditor in _auditors(campaign)
     )
     count = int(np.searchsorted(np.cumsum(wall_s) * dearer, _COST_FRACTION * wall_s.sum(), side="right"))
     return count if count >= run_integrity.LEAST_JOBS else 0
@@ -108,31 +108,33 @@ def audit(work: Work, count: int) -> list[RunProgress]:
             where=str(folder),
             expected="a run with preset fast or standard, or a second engine",
             remedy="install one: "
-            + " or ".join(f"pip install 'toppling[{one.extra}]'" for one in ENGINES.values() if one.extra),
+            + " or ".join(
+                f"pip install 'toppling[{engine.extra}]'" for engine in ENGINES.values() if engine.extra
+            ),
         )
     progresses = []
     with _alone(folder) as home:
         rows = drawn(folder)
         chosen = _rows_of(planned, rows["job_id"][:count])
         latest = pc.max(rows["finished_at"]).as_py()
-        for one in able:
-            target = home / one.name
+        for auditor in able:
+            target = home / auditor.name
             run_integrity.check_audit(folder, target)
             (target / store.PARTS_FOLDER).mkdir(parents=True, exist_ok=True)
             until = latest.isoformat() if latest else None
             origin = {"plan_id": planned.id, "until": until, "of_jobs": len(rows)}
             write_json(target / run_integrity.DRAWN_FILE, origin)
-            part = one.plan(planned, chosen)
+            part = auditor.plan(planned, chosen)
             run_integrity.write_jobs(target, part.jobs, planned.id)
             pending = part.pending(store.finished_ids(target))
-            what = f"auditing with {one.name}"
+            what = f"auditing with {auditor.name}"
             progress = RunProgress(len(part), len(part) - len(pending), what=what)
-            tell("audit began", by=one.name, jobs=len(part), done=progress.before)
+            log_event("audit began", by=auditor.name, jobs=len(part), done=progress.before)
             again = dataclasses.replace(work, planned=part, progress=progress, redo={}, store=target)
             Execution(again, pending)()
             if store.result_files(target):
                 store.compact(target)
-            tell("audit ended", by=one.name, **progress.summary())
+            log_event("audit ended", by=auditor.name, **progress.summary())
             progresses.append(progress)
     return progresses
 
@@ -187,10 +189,10 @@ class Auditing:
         rows = drawn(folder)
         count = affordable(planned.campaign, rows) if wanted is None else min(wanted, len(rows))
         places = rows["job_id"][:count]
-        for one in _auditors(planned.campaign) if count else ():
-            part = one.plan(planned, _rows_of(planned, places))
-            run_integrity.check_audit(folder, folder / run_integrity.AUDIT_FOLDER / one.name)
-            if not part.ids <= store.finished_ids(folder / run_integrity.AUDIT_FOLDER / one.name):
+        for auditor in _auditors(planned.campaign) if count else ():
+            part = auditor.plan(planned, _rows_of(planned, places))
+            run_integrity.check_audit(folder, folder / run_integrity.AUDIT_FOLDER / auditor.name)
+            if not part.ids <= store.finished_ids(folder / run_integrity.AUDIT_FOLDER / auditor.name):
                 return count
         return 0
 

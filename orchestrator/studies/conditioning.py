@@ -23,7 +23,7 @@ from toppling.models.shares import jeffreys_mean
 from toppling.orchestrator import recorded as stood
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.context import ProgressCallback, RunProgress, Work
-from toppling.orchestrator.journal import tell
+from toppling.orchestrator.journal import log_event
 from toppling.orchestrator.plan import Plan, plan_of
 from toppling.results.reader import open_run
 from toppling.results.weights import CONTACT, WEIGHTS_FILE, Contact, Weights
@@ -84,14 +84,14 @@ def weigh(campaign: Campaign, recorded: stood.Recorded, folder: Path, shake: _Ru
     """
     import pandas as pd  # what most runs begin without
 
-    tell("weighing the bases", records=[one.record_id for one in recorded.records])
+    log_event("weighing the bases", records=[record.record_id for record in recorded.records])
     scene = Scene.load(campaign.scene)
     stood.check_weighable(scene, 1, str(campaign.scene))
     assert scene.unseen is not None
     rows = []
     for ensemble in stood.ensembles_in(folder):
         known = ensemble.parent.name == stood.ENSEMBLES[0]
-        one = replace(
+        shaken = replace(
             campaign,
             ensemble=ensemble,
             pga_m_s2=(),
@@ -105,7 +105,7 @@ def weigh(campaign: Campaign, recorded: stood.Recorded, folder: Path, shake: _Ru
             precision=None,
             target=None,
         )
-        shake(plan_of(one), ensemble.parent / "run")
+        shake(plan_of(shaken), ensemble.parent / "run")
         rows.append(open_run(ensemble.parent / "run").frame())
     return by_evidence(weights_by_contact(pd.concat(rows), len(scene.unseen)), _evidence(recorded))
 
@@ -115,9 +115,9 @@ def _evidence(recorded: stood.Recorded) -> dict[str, Any]:
     given = zip(recorded.records, recorded.paths, strict=True)
     return {
         "files": sorted({file for record, path in given for file in record.files or (path,)}),
-        "records": [one.record_id for one in recorded.records],
-        "shas": [one.sha for one in recorded.records],
-        "azimuths_unknown": [one.record_id for one in recorded.records if not one.north_known],
+        "records": [record.record_id for record in recorded.records],
+        "shas": [record.sha for record in recorded.records],
+        "azimuths_unknown": [record.record_id for record in recorded.records if not record.north_known],
         "shakes": stood.SHAKES,
     }
 
@@ -138,7 +138,7 @@ def by_evidence(by_contact: Mapping[Contact, Array], evidence: Mapping[str, Any]
 
 def refuse_counted(weights: Weights, recorded: stood.Recorded) -> None:
     """Raise InputError for motions that are already part of the weights."""
-    if twice := [one.record_id for one in recorded.records if one.sha in weights.evidence["shas"]]:
+    if twice := [record.record_id for record in recorded.records if record.sha in weights.evidence["shas"]]:
         raise InputError(
             "record.given_twice",
             f"the run counts {_and(twice)} already",

@@ -14,7 +14,7 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.measures import LEVEL_MEASURES, SCALING_POWER
 from toppling.models.spelling import counted
 from toppling.orchestrator.campaign import Campaign, TargetSpec
-from toppling.orchestrator.journal import tell
+from toppling.orchestrator.journal import log_event
 from toppling.orchestrator.plan import Plan, Rows
 from toppling.orchestrator.run_folder import set_jobs
 from toppling.results.precision.design import Pool, Rounds
@@ -57,28 +57,39 @@ class JobsForPrecision:
     @property
     def ended(self) -> bool:
         """Whether every contact has its statement."""
-        return all(one.ended for one in self.rounds.values())
+        return all(rounds.ended for rounds in self.rounds.values())
 
     @property
     def what(self) -> str:
         """Description of the current round for progress displays."""
-        verdicts = [one.verdict for one in self.rounds.values()]
-        known = [one.estimate.precision for one in verdicts if one is not None and one.estimate is not None]
+        verdicts = [rounds.verdict for rounds in self.rounds.values()]
+        known = [
+            verdict.estimate.precision
+            for verdict in verdicts
+            if verdict is not None and verdict.estimate is not None
+        ]
         sure = f", +-{100 * max(known):.2g} %" if len(known) == len(verdicts) else ""
-        return f"round {max(len(one.sizes) for one in self.rounds.values())}{sure}"
+        return f"round {max(len(rounds.sizes) for rounds in self.rounds.values())}{sure}"
 
     def __len__(self) -> int:
         needed = 0
-        for one in self.rounds.values():
-            more = 0 if one.ended else max(1, one.verdict.jobs_needed - len(one.chosen) if one.verdict else 1)
-            needed += len(one.chosen) + more
+        for rounds in self.rounds.values():
+            more = (
+                0
+                if rounds.ended
+                else max(1, rounds.verdict.jobs_needed - len(rounds.chosen) if rounds.verdict else 1)
+            )
+            needed += len(rounds.chosen) + more
         return needed
 
     def pending(self, finished: set[str]) -> Rows:
         """Rows of the plan to shake next, in the order to start them (`JobSelection`)."""
         while True:
             waiting = [
-                row for one in self.rounds.values() for row in one.chosen if self.ids[row] not in finished
+                row
+                for rounds in self.rounds.values()
+                for row in rounds.chosen
+                if self.ids[row] not in finished
             ]
             if waiting:
                 wanted = np.zeros(len(self.planned), bool)
@@ -91,34 +102,34 @@ class JobsForPrecision:
     def _advance(self, finished: set[str]) -> None:
         """Judge the rounds whose jobs all have rows, and choose the next ones."""
         frame = pd.DataFrame()
-        if any(one.sizes for one in self.rounds.values()):
+        if any(rounds.sizes for rounds in self.rounds.values()):
             run = open_run(self.folder)
             frame = run.weighted(run.frame())
         self.statements = []
-        for contact, one in self.rounds.items():
-            if not one.ended:
-                jobs = [self.ids[row] for row in one.chosen]
-                one.advance(answers_of(frame, jobs, self.measures, self.records) if one.sizes else None)
-            if one.verdict is not None:
-                self.statements.append(self._statement(frame, contact, one))
+        for contact, rounds in self.rounds.items():
+            if not rounds.ended:
+                jobs = [self.ids[row] for row in rounds.chosen]
+                rounds.advance(answers_of(frame, jobs, self.measures, self.records) if rounds.sizes else None)
+            if rounds.verdict is not None:
+                self.statements.append(self._statement(frame, contact, rounds))
         if self.statements:
             write_statements(self.folder, self.statements, self.planned.id)
-        there = finished | {self.ids[row] for one in self.rounds.values() for row in one.chosen}
+        there = finished | {self.ids[row] for rounds in self.rounds.values() for row in rounds.chosen}
         set_jobs(self.folder, len(there) if self.ended else max(len(self), len(there) + 1))
-        sizes = [len(one.chosen) for one in self.rounds.values()]
-        tell(
+        sizes = [len(rounds.chosen) for rounds in self.rounds.values()]
+        log_event(
             "rounds chosen",
             jobs=sum(sizes),
             ended=self.ended,
-            said=[one["sentence"] for one in self.statements],
+            said=[statement["sentence"] for statement in self.statements],
         )
 
-    def _statement(self, frame: pd.DataFrame, contact: tuple[float, ...], one: Rounds) -> dict:
+    def _statement(self, frame: pd.DataFrame, contact: tuple[float, ...], rounds: Rounds) -> dict:
         """Statement from the judged jobs; those of the next round have no rows yet."""
-        there = frame[frame["job_id"].isin([self.ids[row] for row in one.chosen[: one.judged]])]
+        there = frame[frame["job_id"].isin([self.ids[row] for row in rounds.chosen[: rounds.judged]])]
         there = there[there["toppled"].notna()]
         named = dict(zip(_CONTACT, contact, strict=True))
-        return statement_of(one, len(there), there["record_id"].nunique(), named)
+        return statement_of(rounds, len(there), there["record_id"].nunique(), named)
 
 
 def borne_words(campaign: Campaign) -> str:

@@ -125,7 +125,7 @@ def of_ensemble(folder: Path) -> list[Seismogram]:
 
 def of_records(records: Iterable[Record]) -> list[Seismogram]:
     """Seismograms that are in memory."""
-    return [Seismogram(one.station, one.event, one.files, one) for one in records]
+    return [Seismogram(record.station, record.event, record.files, record) for record in records]
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +140,7 @@ class Seismograms:
     def records(self) -> Iterator[Record]:
         """Records of all seismograms; each ensemble is loaded once."""
         load = lru_cache(maxsize=None)(Ensemble.load)
-        return (one.record(load) for one in self.found)
+        return (seismogram.record(load) for seismogram in self.found)
 
 
 def read_seismograms(
@@ -156,7 +156,7 @@ def read_seismograms(
     from toppling.models.motions.importing import ImportOptions, import_records, record_files
     from toppling.models.motions.metadata import read_table
 
-    found = [one for path in paths if (path / CATALOG).is_file() for one in of_ensemble(path)]
+    found = [record for path in paths if (path / CATALOG).is_file() for record in of_ensemble(path)]
     given = [path for path in paths if not (path / CATALOG).is_file()]
     if metadata and not given:
         raise UsageError(
@@ -214,7 +214,7 @@ class Checked:
 
     def frame(self) -> pd.DataFrame:
         """Table of the verdicts, one row per seismogram."""
-        return pd.DataFrame([dataclasses.asdict(one) for one in self.verdicts])
+        return pd.DataFrame([dataclasses.asdict(verdict) for verdict in self.verdicts])
 
 
 def check(
@@ -271,7 +271,7 @@ def check(
 def seismograms_of(site: Site, given: Sequence[Seismogram]) -> list[Seismogram]:
     """Given seismograms at a rock's site; if none are given, the rock's own."""
     if given:
-        return [one for one in given if one.is_at(site.site)]
+        return [seismogram for seismogram in given if seismogram.is_at(site.site)]
     own = site.ensemble or site.seismograms
     if own is None:
         return []
@@ -312,10 +312,10 @@ def check_sites(
             head = {name: getattr(site, name) for name in ("rock", "site", "longitude", "latitude")}
             if not found:
                 rows.append({**head, "outcome": "none", "message": f"no seismogram is at {site.site}"})
-            for one in found:
+            for seismogram in found:
                 land(_AHEAD * count)
-                task = pool.submit(_judged, site, one, factors, preset)
-                flying[task] = {**head, "scenario": one.scenario}
+                task = pool.submit(_judged, site, seismogram, factors, preset)
+                flying[task] = {**head, "scenario": seismogram.scenario}
         land(0)
     fullest = max(rows, key=len)  # rows arrive in any order, and failed ones have fewer columns
     frame = pd.DataFrame(rows, columns=[*fullest])
@@ -328,7 +328,7 @@ def _with_seismograms(
     """Each rock with the seismograms at its site; InputError if all are without."""
     chosen = [(site, seismograms_of(site, given)) for site in sites]
     if not any(found for _, found in chosen):
-        stations = ", ".join(sorted({one.station or "(none)" for one in given})[:5]) or "none"
+        stations = ", ".join(sorted({seismogram.station or "(none)" for seismogram in given})[:5]) or "none"
         raise InputError(
             "rocks.no_seismograms",
             f"none of {len(given)} seismograms is at a site of the table",
@@ -348,11 +348,11 @@ def matrix_of(rows: pd.DataFrame) -> pd.DataFrame:
     return table.reindex(sorted(rows["rock"].unique()))
 
 
-def _judged(site: Site, one: Seismogram, factors: Sequence[float], preset: str) -> dict[str, Any]:
-    record_id = one.source[1] if isinstance(one.source, tuple) else one.source.record_id
+def _judged(site: Site, seismogram: Seismogram, factors: Sequence[float], preset: str) -> dict[str, Any]:
+    record_id = seismogram.source[1] if isinstance(seismogram.source, tuple) else seismogram.source.record_id
     try:
         scene = _scene(site.scene, site.friction)
-        verdict = dataclasses.asdict(judged(scene, one.record(_ensemble), factors, preset))
+        verdict = dataclasses.asdict(judged(scene, seismogram.record(_ensemble), factors, preset))
     # A rock that does not stand, or an unreadable seismogram, must not stop the others.
     except InputError as error:
         return {"record_id": record_id, "outcome": "failed", "message": str(error)}

@@ -72,7 +72,7 @@ def atlas(
         return
     for sentence in summary(rocks, common, measure):
         click.echo(sentence)
-    _tell(folder, rocks)
+    _print_result(folder, rocks)
 
 
 def _rocks_of(opened: list[Run]) -> list[Run]:
@@ -111,7 +111,7 @@ def _write_files(folder: Path, rocks: list[RockResults], measure: str) -> None:
             write_text(json.dumps(content, indent=1, allow_nan=False), folder / f"{name}.geojson")
 
 
-def _tell(folder: Path, rocks: list[RockResults]) -> None:
+def _print_result(folder: Path, rocks: list[RockResults]) -> None:
     placed = sum(rock.place is not None for rock in rocks)
     where = (
         f", rocks.geojson and directions.geojson with {placed} of {len(rocks)} rocks"

@@ -116,8 +116,8 @@ def _check_table(table: Path, seismograms: Sequence[Path], *, as_json: bool) -> 
 def _show_matrix(rows: pd.DataFrame, matrix: pd.DataFrame) -> None:
     shown = matrix.iloc[:, :_SCENARIOS_SHOWN]
     words = [
-        (str(rock), *("-" if pd.isna(share) else f"{share:.2f}" for share in shares))
-        for rock, shares in shown.iterrows()
+        (str(rock), *("-" if pd.isna(share) else f"{share:.2f}" for share in fractions))
+        for rock, fractions in shown.iterrows()
     ]
     show_table(("rock", *map(str, shown.columns)), words, (0,))
     if (left := matrix.shape[1] - _SCENARIOS_SHOWN) > 0:

@@ -103,5 +103,5 @@ def _choices(rocks: Sequence[Path], hazard_files: Sequence[Path]) -> dict[str, A
 
 def _text(value: Any) -> Any:
     if isinstance(value, tuple):
-        return [_text(one) for one in value]
+        return [_text(entry) for entry in value]
     return value if isinstance(value, int | float | str) else str(value)

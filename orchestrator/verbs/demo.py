@@ -60,7 +60,7 @@ def demo(out: Path, workers: int, seconds: float) -> None:
     _plan(out, workers, seconds)
     failed = _run(out, workers)
     figures = _draw(out)
-    _tell(out, figures, time.monotonic() - began)
+    _print_result(out, figures, time.monotonic() - began)
     if failed:
         sys.exit(3)
 
@@ -154,7 +154,7 @@ def _draw(out: Path) -> list[Path]:
     return list(write_maps(open_run(out / "run").frame(), out / "fragility", planes))
 
 
-def _tell(out: Path, figures: Iterable[Path], took_s: float) -> None:
+def _print_result(out: Path, figures: Iterable[Path], took_s: float) -> None:
     from toppling.orchestrator.progress import duration
     from toppling.results.drawing.report.content import Content
     from toppling.results.drawing.report.headline import answer

@@ -58,7 +58,7 @@ def fragility(run: Path, out: Path | None, unweighted: bool, **asked: Any) -> No
     """
     opened = open_run(run)
     if opened.rocks:
-        _each_rock(opened, out)
+        _for_each_rock(opened, out)
         return
     source = click.get_current_context().get_parameter_source
     if not asked["fit"] and source("samples") != ParameterSource.DEFAULT:
@@ -67,10 +67,10 @@ def fragility(run: Path, out: Path | None, unweighted: bool, **asked: Any) -> No
         click.echo(f"{run} is unfinished: {remark}")
     with bar("figures") as advance:
         drawn = draw(opened, out, weighted=not unweighted, advance=advance, **asked)
-    _tell(drawn, weighted=not unweighted)
+    _print_result(drawn, weighted=not unweighted)
 
 
-def _tell(drawn: Fragility, *, weighted: bool) -> None:
+def _print_result(drawn: Fragility, *, weighted: bool) -> None:
     """Print what was written, and the results of fits and audits."""
     jobs = drawn.jobs
     click.echo(_files(drawn.folder, drawn.files))
@@ -94,7 +94,7 @@ def _tell(drawn: Fragility, *, weighted: bool) -> None:
             click.echo(sentence)
 
 
-def _each_rock(atlas: Run, out: Path | None) -> None:
+def _for_each_rock(atlas: Run, out: Path | None) -> None:
     """Run the command for every rock of an atlas; rocks without an answer are reported."""
     context = click.get_current_context()
     for rock in atlas.rocks:

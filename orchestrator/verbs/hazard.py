@@ -42,14 +42,14 @@ def _place(words: Sequence[str]) -> tuple[int, list[str]] | None:
 
     The latitude may come first if compass letters identify it.
     """
-    ways = [(2, list(words[:2])), (1, re.split(r"[,;]\s*|\s+", words[0].strip()) if words else [])]
-    for used, parts in ways:
+    splits = [(2, list(words[:2])), (1, re.split(r"[,;]\s*|\s+", words[0].strip()) if words else [])]
+    for used, parts in splits:
         if len(parts) == 2:
             first, second = (part.rstrip(",;") for part in parts)
             for east, north in ((first, second), (second, first)):
                 degrees = degrees_of(east, "longitude"), degrees_of(north, "latitude")
                 if None not in degrees:
-                    return used, [repr(each) for each in degrees]
+                    return used, [repr(angle) for angle in degrees]
     return None
 
 

@@ -120,9 +120,9 @@ def levels_between(least_m_s2: float, most_m_s2: float, count: int) -> _Levels:
     _Levels(start_m_s2=1.0, stop_m_s2=19.0, step_m_s2=2.0)
     """
     low = _BELOW_LEAST * least_m_s2
-    step = min(_STEPS_M_S2, key=lambda one: abs(math.log((most_m_s2 - low) / (one * max(count - 1, 1)))))
+    step = min(_STEPS_M_S2, key=lambda size: abs(math.log((most_m_s2 - low) / (size * max(count - 1, 1)))))
     # On the grid of a finer round number if necessary, so that a coarse step still begins above zero.
-    grid = step if low >= step else max((one for one in _STEPS_M_S2 if one <= low), default=low)
+    grid = step if low >= step else max((size for size in _STEPS_M_S2 if size <= low), default=low)
     start = math.floor(low / grid + 1e-9) * grid
     stop = start + math.ceil((most_m_s2 - start) / step - 1e-9) * step
     return _Levels(round(start, 6), round(stop, 6), step)
@@ -144,8 +144,8 @@ def _keys(
         _quoted(os.path.relpath(folder.absolute(), out.absolute().parent))
         for folder in (chosen.scene, chosen.ensemble)
     )
-    start, stop, step = (f"{one:g}" for one in (levels.start_m_s2, levels.stop_m_s2, levels.step_m_s2))
-    azimuths = ", ".join(f"{one:g}" for one in chosen.azimuth_deg)
+    start, stop, step = (f"{number:g}" for number in (levels.start_m_s2, levels.stop_m_s2, levels.step_m_s2))
+    azimuths = ", ".join(f"{azimuth:g}" for azimuth in chosen.azimuth_deg)
     friction = ", ".join(f"{static:g}" for static, _ in chosen.friction)
     keys = {key.name: key for key in KEYS}
     draws = "" if assets.scene.unseen is None else _realisations_line(len(levels) * len(chosen.azimuth_deg))

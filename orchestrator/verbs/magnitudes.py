@@ -35,7 +35,7 @@ from toppling.results.hazard.places import check_place
 
 _STATED_CHANGE = 5e-4
 """Smallest change of a probability that is reported."""
-_DISTANCES_TOLD_KM = (1, 2, 5, 10, 20, 50, 100)
+_PRINTED_DISTANCES_KM = (1, 2, 5, 10, 20, 50, 100)
 
 
 @click.command(cls=SiteCommand)
@@ -154,24 +154,24 @@ def magnitudes(
         "models": [{"name": name, "weight": weight} for name, weight in zip(names, grid.weights.tolist(), strict=True)],
         **asked, "site_term": site_term, "effects": exclusion.effects(grid_of, grid), "confidence": confidence,
         "age": age_given(age or ""), "age_years": float(years.mean()) if age else None,
-        "without_site_term": [one.name for one in grid_of if not one.has_site_term],
+        "without_site_term": [model.name for model in grid_of if not model.has_site_term],
     }  # fmt: skip
-    shares = None
+    bins = None
     if taken_apart:
-        shares = exclusion.excluded_bins(taken_apart.bins, grid_of, grid, standing.curve, occurrences)
-        statement["deaggregation"] = {"of": taken_apart.of, "bins": shares.to_dict("records")}
-    _tell(answer, statement, shares, out, as_json)
+        bins = exclusion.excluded_bins(taken_apart.bins, grid_of, grid, standing.curve, occurrences)
+        statement["deaggregation"] = {"of": taken_apart.of, "bins": bins.to_dict("records")}
+    _print_result(answer, statement, bins, out, as_json)
 
 
-def _tell(
-    answer: "_Answer", statement: dict[str, Any], shares: pd.DataFrame | None, out: Path | None, as_json: bool
+def _print_result(
+    answer: "_Answer", statement: dict[str, Any], bins: pd.DataFrame | None, out: Path | None, as_json: bool
 ) -> None:
     """Write and print the exclusions, with the excluded fraction of a hazard's bins if requested."""
     if out:
         answer.write(out, statement)
-        if shares is not None:
-            write_csv(shares, out / "deaggregation.csv")
-    words = "\n".join([_words(statement), *([] if shares is None else exclusion.bins_words(shares))])
+        if bins is not None:
+            write_csv(bins, out / "deaggregation.csv")
+    words = "\n".join([_words(statement), *([] if bins is None else exclusion.bins_words(bins))])
     click.echo(json.dumps(statement, indent=1, allow_nan=False) if as_json else words)
 
 
@@ -233,11 +233,11 @@ class _Answer:
     def tables(self) -> dict[str, tuple[pd.DataFrame, pd.DataFrame]]:
         """Largest magnitudes and smallest distances, by occurrence."""
         return {
-            one.name: (
-                exclusion.largest_magnitudes(self.grid, self.rock.curve, self.rock.drawn, one),
-                exclusion.least_distances(self.grid, self.rock.curve, self.rock.drawn, one),
+            case.name: (
+                exclusion.largest_magnitudes(self.grid, self.rock.curve, self.rock.drawn, case),
+                exclusion.least_distances(self.grid, self.rock.curve, self.rock.drawn, case),
             )
-            for one in self.occurrences
+            for case in self.occurrences
         }
 
     @cached_property
@@ -245,11 +245,11 @@ class _Answer:
         """Distance of each fault, largest allowed magnitude, and whether its characteristic earthquake is excluded."""
         assert self.at_traces is not None
         lines = []
-        for one in self.occurrences:
-            allowed = exclusion.largest_magnitudes(self.at_traces, self.rock.curve, self.rock.drawn, one)
+        for case in self.occurrences:
+            allowed = exclusion.largest_magnitudes(self.at_traces, self.rock.curve, self.rock.drawn, case)
             for number, (trace, row) in enumerate(zip(self.traces, allowed.itertuples(), strict=True)):
                 lines.append({
-                    "fault": trace.name, "occurrence": one.name, "distance_km": trace.distance_km,
+                    "fault": trace.name, "occurrence": case.name, "distance_km": trace.distance_km,
                     "beyond_models": trace.distance_km > self.grid.distance_km[-1],
                     "magnitude": row.magnitude, "magnitude_low": row.magnitude_low,
                     "magnitude_high": row.magnitude_high, "stated_magnitude": trace.magnitude,
@@ -279,11 +279,11 @@ class _Answer:
         tables = self.tables
         stated = [
             {
-                "occurrence": one.name, **self._at_reference(one),
-                "largest_magnitudes": _rows(tables[one.name][0]), "least_distances": _rows(tables[one.name][1]),
-                "excludes_nothing": bool((exclusion.excess(self.grid, self.rock.curve, one) < 0).all()),
+                "occurrence": case.name, **self._at_reference(case),
+                "largest_magnitudes": _rows(tables[case.name][0]), "least_distances": _rows(tables[case.name][1]),
+                "excludes_nothing": bool((exclusion.excess(self.grid, self.rock.curve, case) < 0).all()),
             }
-            for one in self.occurrences
+            for case in self.occurrences
         ]  # fmt: skip
         return {
             "rock": self.rock.name, "measure": self.rock.curve.measure, "median": self.rock.curve.median,
@@ -307,7 +307,8 @@ class _Answer:
             last = self.occurrences[-1]
             allowed = self.faults.loc[self.faults["occurrence"] == last.name, "magnitude"]
             drawn = [
-                replace(one, magnitude=magnitude) for one, magnitude in zip(self.traces, allowed, strict=True)
+                replace(trace, magnitude=magnitude)
+                for trace, magnitude in zip(self.traces, allowed, strict=True)
             ]
             table = exclusion.least_distances(self.grid, self.rock.curve, [], last)
             circles = {
@@ -331,7 +332,7 @@ def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 def _words(statement: dict[str, Any]) -> str:
-    models = ", ".join(f"{one['name']} ({one['weight']:.3g})" for one in statement["models"])
+    models = ", ".join(f"{model['name']} ({model['weight']:.3g})" for model in statement["models"])
     median = within(statement["median"], statement["strongest_shaken"])
     lines = [
         f"{statement['rock']}: median {median} {printed_unit(statement['measure'])} "
@@ -340,17 +341,17 @@ def _words(statement: dict[str, Any]) -> str:
         f"Vs30 {statement['vs30_m_s']:g} m/s"
     ]
     at = "at magnitude {:g} and {:g} km".format(*exclusion.REFERENCE)
-    for one in statement["occurrences"]:
-        lines.append(f"{one['occurrence'].capitalize()}, at {100 * statement['confidence']:g} %:")
-        if one["excludes_nothing"]:
+    for case in statement["occurrences"]:
+        lines.append(f"{case['occurrence'].capitalize()}, at {100 * statement['confidence']:g} %:")
+        if case["excludes_nothing"]:
             most, near = statement["magnitude_range"][1], statement["distance_range_km"][0]
             lines.append(f"  nothing is excluded, not even magnitude {most:g} at {near:g} km")
         else:
-            lines += [f"  {line}" for line in _distance_lines(one)]
-        if one["topples_ergodic"] - one["topples"] > _STATED_CHANGE:
+            lines += [f"  {line}" for line in _distance_lines(case)]
+        if case["topples_ergodic"] - case["topples"] > _STATED_CHANGE:
             lines.append(
-                f"  {at} it topples with {one['topples']:.3f}; were the site's own term drawn anew in each "
-                f"earthquake, with {one['topples_ergodic']:.3f}"
+                f"  {at} it topples with {case['topples']:.3f}; were the site's own term drawn anew in each "
+                f"earthquake, with {case['topples_ergodic']:.3f}"
             )
     lines += map(_fault_line, statement["faults"])
     if statement["ratio"] == 1.0:
@@ -370,10 +371,10 @@ def _words(statement: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _distance_lines(one: dict[str, Any]) -> list[str]:
-    rows = one["largest_magnitudes"]
+def _distance_lines(case: dict[str, Any]) -> list[str]:
+    rows = case["largest_magnitudes"]
     lines = []
-    for distance in _DISTANCES_TOLD_KM:
+    for distance in _PRINTED_DISTANCES_KM:
         row = min(rows, key=lambda row: abs(math.log(row["distance_km"] / distance)))
         if abs(math.log(row["distance_km"] / distance)) > 0.1 or row.get("excluded_magnitudes") == "none":
             continue

@@ -95,9 +95,11 @@ def _of_many(found: "Planned", counts: dict[str, Any]) -> tuple[list[str], list[
         f"{counted(counts['jobs'], 'job')} of {counted(counts['rocks'], 'rock')}, "
         "engine {engine}, preset {preset}".format(**counts)
     ]
-    for one, scene in zip(counts["scenes"], found.plan.scenes, strict=True):
-        one["records"] = len(scene.record_sha)
-        location = "" if one["longitude"] is None else f" ({one['longitude']:.4f}, {one['latitude']:.4f})"
-        jobs, records = counted(one["jobs"], "job"), counted(one["records"], "record")
-        head.append(f"  {one['rock']}, {one['site']}{location}: {jobs} with {records}")
+    for entry, scene in zip(counts["scenes"], found.plan.scenes, strict=True):
+        entry["records"] = len(scene.record_sha)
+        location = (
+            "" if entry["longitude"] is None else f" ({entry['longitude']:.4f}, {entry['latitude']:.4f})"
+        )
+        jobs, records = counted(entry["jobs"], "job"), counted(entry["records"], "record")
+        head.append(f"  {entry['rock']}, {entry['site']}{location}: {jobs} with {records}")
     return head, []

@@ -20,9 +20,9 @@ _MOST_NOTES = 20
 
 def import_json(ensemble: "Ensemble", outcome: "Import") -> None:
     """Print the records read and the files left out as JSON."""
-    told = ("code", "what", "where", "remedy")
+    fields = ("code", "what", "where", "remedy")
     left_out = [
-        {"subject": r.subject} | {name: getattr(r.reason, name) for name in told} for r in outcome.refusals
+        {"subject": r.subject} | {name: getattr(r.reason, name) for name in fields} for r in outcome.refusals
     ]
     document = {
         "ensemble": str(ensemble.folder),

@@ -90,7 +90,7 @@ def _as_shaken(spec: JobSpec, nominal: Scene, shaken: Scene) -> str:
     ]
     remark = ", ".join(filter(None, drawn))
     friction = friction_words(
-        *(float(f"{one:.3g}") for one in (contact.friction_static, contact.friction_kinetic))
+        *(float(f"{value:.3g}") for value in (contact.friction_static, contact.friction_kinetic))
     )
     bounce = f", restitution {contact.restitution:.2g}" if contact.restitution else ""
     return (
@@ -121,7 +121,7 @@ _OUTCOME = [
 
 def _rock_of(opened: Run, scene_id: str | None) -> Run:
     """Run of the rock of an atlas that a job shakes, or the run itself."""
-    return next((one for one in opened.rocks if one.entry["scene_id"] == scene_id), opened)
+    return next((rock for rock in opened.rocks if rock.entry["scene_id"] == scene_id), opened)
 
 
 def specification(run: Path, job: str) -> tuple[JobSpec, str]:

@@ -30,7 +30,7 @@ FAILED_JOBS = 3
 _AGAIN = ("crashed", "timeout", "failed")
 """Statuses that may have a transient cause. Undecided and diverged jobs would have the same result again."""
 
-OF_ONE_CALL = ("again", "report", "as_json", "dry_run", "take_over", "no_estimate")
+NOT_RESUMED = ("again", "report", "as_json", "dry_run", "take_over", "no_estimate")
 """Options that a resuming call does not repeat."""
 
 
@@ -153,7 +153,7 @@ def _run(
         _warn(chosen)
     command = command_to_go_on(click.get_current_context())
     shaken = _carry_out(chosen, folder, reported(cluster, report), command, asked)
-    _tell(chosen, folder, shaken, command, as_json=as_json)
+    _print_result(chosen, folder, shaken, command, as_json=as_json)
 
 
 def _warn(chosen: "Campaign") -> None:
@@ -168,14 +168,14 @@ def _warn(chosen: "Campaign") -> None:
 
 def _refuse_moved(chosen: "Campaign", campaign: Path, folder: Path) -> None:
     """Refuse a campaign whose scene or records are missing, naming the copies in the run."""
-    kept = folder / "campaign.toml"
-    gone = next((path for path in (chosen.scene, chosen.ensemble) if not path.exists()), None)
-    if gone is None or not kept.is_file() or kept.samefile(campaign):
+    copy = folder / "campaign.toml"
+    missing = next((path for path in (chosen.scene, chosen.ensemble) if not path.exists()), None)
+    if missing is None or not copy.is_file() or copy.samefile(campaign):
         return
-    again = shlex.join(["toppling", "run", str(kept), "--out", str(folder)])
+    again = shlex.join(["toppling", "run", str(copy), "--out", str(folder)])
     raise InputError(
         "file.absent",
-        f"{gone} is not there",
+        f"{missing} is not there",
         where=str(campaign),
         expected="the folders that it names",
         remedy=f"put it back, or go on with the copy that the run keeps: {again}",
@@ -211,14 +211,16 @@ def _carry_out(
         sys.exit(INTERRUPTED)
 
 
-def _tell(chosen: "Campaign", folder: Path, shaken: "CarriedOut", command: str, *, as_json: bool) -> None:
+def _print_result(
+    chosen: "Campaign", folder: Path, shaken: "CarriedOut", command: str, *, as_json: bool
+) -> None:
     """Print what was done and the results; the exit code indicates jobs without an answer."""
     from toppling.orchestrator.advice import suggestions
     from toppling.orchestrator.progress import duration, pace
-    from toppling.orchestrator.status import shares_of, state_of
+    from toppling.orchestrator.status import level_counts, state_of
     from toppling.results.analysis.unphysical import unphysical_of
 
-    advice = [] if chosen.precision or chosen.sites else suggestions(shares_of(folder))
+    advice = [] if chosen.precision or chosen.sites else suggestions(level_counts(folder))
     progress, unphysical = shaken.session, unphysical_of(shaken.run)
     state = state_of(folder)  # of all sessions, including unanswered jobs of earlier ones
     summary = {
@@ -254,10 +256,10 @@ def _tell(chosen: "Campaign", folder: Path, shaken: "CarriedOut", command: str, 
 def command_to_go_on(context: click.Context) -> str:
     """Command that resumes this run, without options that apply to this call only."""
     words = ["toppling", "run", str(context.params["campaign"])]
-    for one in context.command.params:
-        given = context.get_parameter_source(str(one.name)) is ParameterSource.COMMANDLINE
-        if given and isinstance(one, click.Option) and one.name not in OF_ONE_CALL:
-            words += as_given(one, context.params[str(one.name)])
+    for parameter in context.command.params:
+        given = context.get_parameter_source(str(parameter.name)) is ParameterSource.COMMANDLINE
+        if given and isinstance(parameter, click.Option) and parameter.name not in NOT_RESUMED:
+            words += as_given(parameter, context.params[str(parameter.name)])
     return shlex.join(words)
 
 
@@ -266,7 +268,7 @@ def as_given(option: click.Option, value: Any) -> list[str]:
     if option.is_flag:
         return [option.opts[0] if value else option.secondary_opts[0]]
     words = []
-    for one in value if option.multiple else [value]:
-        given = named(one) if isinstance(one, Path) else one
+    for entry in value if option.multiple else [value]:
+        given = named(entry) if isinstance(entry, Path) else entry
         words += [option.opts[0], *(map(str, given) if option.nargs > 1 else [str(given)])]
     return words

@@ -46,15 +46,15 @@ _FILE_OR_LINES = _FileOrLines(path_type=Path)
 
 
 def _outlined(
-    _: click.Context, __: click.Parameter, said: Path | list[str] | None
+    _: click.Context, __: click.Parameter, given: Path | list[str] | None
 ) -> Path | list[tuple[float, ...]] | None:
-    return [_coordinates(word, "--outline") for word in said] if isinstance(said, list) else said
+    return [_coordinates(word, "--outline") for word in given] if isinstance(given, list) else given
 
 
 def _apart(
-    _: click.Context, __: click.Parameter, said: tuple[str, str, float] | None
+    _: click.Context, __: click.Parameter, given: tuple[str, str, float] | None
 ) -> tuple[Any, Any, float] | None:
-    return said and (_coordinates(said[0], "--length"), _coordinates(said[1], "--length"), said[2])
+    return given and (_coordinates(given[0], "--length"), _coordinates(given[1], "--length"), given[2])
 
 
 def _hinted(context: click.Context, _: click.Parameter, file: Path | None) -> None:
@@ -205,10 +205,10 @@ def scan(
                 again, given["out"], contact=given["contact"], touch=given["touch"], daylight=given["daylight"],
                 pull=given["pull"], base=given["base"], touch_only=given["touch_only"], advance=advance,
             )  # fmt: skip
-    _tell(made, as_json)
+    _print_result(made, as_json)
 
 
-def _tell(made: "Scanned", as_json: bool) -> None:
+def _print_result(made: "Scanned", as_json: bool) -> None:
     """Print the summary of a scan and its notes."""
     click.echo(
         json.dumps(made.scene.to_json(), allow_nan=False) if as_json else _summary(made.scene, made.folder)
@@ -238,7 +238,7 @@ def _pick(
         served(server, ", ".join(file.name for file in names), opens, "ended")
     if not saved:
         raise click.ClickException("nothing was saved")
-    _tell(saved[-1], as_json)
+    _print_result(saved[-1], as_json)
 
 
 def _check_usage(files: tuple[Path, ...], again: Path | None, given: dict[str, Any]) -> None:

@@ -74,7 +74,7 @@ def of(function: Callable[..., Any], *names: str, parameter: str = "", **given: 
 
 def noun_of(noun: Callable[..., _Noun], asked: dict[str, Any], **more: Any) -> _Noun:
     """Instance of a dataclass from the options named as its fields, which are removed, and from further values."""
-    names = [one.name for one in dataclasses.fields(noun) if one.name in asked]  # type: ignore[arg-type]
+    names = [field.name for field in dataclasses.fields(noun) if field.name in asked]  # type: ignore[arg-type]
     return noun(**{name: asked.pop(name) for name in names}, **more)
 
 

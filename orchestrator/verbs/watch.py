@@ -33,7 +33,7 @@ from toppling.results.reader import Run, open_run
 _LATEST = 12
 """Number of topplings listed."""
 
-_KEPT_S = 1.5
+_CACHED_S = 1.5
 """Time for which the state is cached, s."""
 
 _JOB = re.compile(r"[0-9a-f]{8,64}")
@@ -132,9 +132,9 @@ class _Replays:
             if drawn.exists():
                 return drawn.read_text(encoding="utf-8")
             if self._process and self._process.poll() is not None:
-                _, said = self._process.communicate()
+                _, errors = self._process.communicate()
                 if not (self._folder / self._job / "replay.html").exists():
-                    self._failed[self._job] = said.strip() or "it ended without a page"
+                    self._failed[self._job] = errors.strip() or "it ended without a page"
                 self._process = None
             if job in self._failed:
                 raise InputError(
@@ -165,7 +165,7 @@ class _Watching(Loopback):
 
     def __init__(self, run: Path, replays: _Replays, port: int = 0) -> None:
         self.run, self.replays = run, replays
-        self._answered = -_KEPT_S
+        self._answered = -_CACHED_S
         self._answer = b""
         self._lock = threading.Lock()
         super().__init__(_Answers, port)
@@ -173,7 +173,7 @@ class _Watching(Loopback):
     def state(self) -> bytes:
         """State of the run, or an error, as JSON."""
         with self._lock:
-            if time.monotonic() - self._answered > _KEPT_S:
+            if time.monotonic() - self._answered > _CACHED_S:
                 try:
                     state_shown = shown(self.run)
                 except (InputError, OSError) as error:
@@ -207,8 +207,8 @@ class _Answers(Answers):
         except InputError as error:
             self.send(str(error).encode(), TEXT)
             return
-        told = f"shaking job {escape(job)} again: some seconds, up to a minute the first time"
-        waiting = WAITING.replace("TOLD", told)
+        message = f"shaking job {escape(job)} again: some seconds, up to a minute the first time"
+        waiting = WAITING.replace("TOLD", message)
         self.send((page or waiting).encode(), policy=_OF_A_REPLAY)
 
 

@@ -82,10 +82,10 @@ def _ways(where: dict[str, Any]) -> list[str]:
 
 def local_workers(where: dict[str, Any]) -> int:
     """Initial number of local workers; 0 where jobs run elsewhere."""
-    ways = _ways(where)
-    if ways == ["--workers"]:
+    selected = _ways(where)
+    if selected == ["--workers"]:
         return where["workers"].low
-    return 0 if ways or os.environ.get("DASK_SCHEDULER_ADDRESS") else os.cpu_count() or 1
+    return 0 if selected or os.environ.get("DASK_SCHEDULER_ADDRESS") else os.cpu_count() or 1
 
 
 def cluster_of(folder: Path, **where: Any) -> AbstractContextManager:
@@ -93,8 +93,8 @@ def cluster_of(folder: Path, **where: Any) -> AbstractContextManager:
     from toppling.orchestrator.cluster import existing, gateway, local, queue
 
     workers, queue_kind, scheduler = where["workers"], where["queue_kind"], where["scheduler"]
-    if len(ways := _ways(where)) > 1:
-        raise click.UsageError(f"{' and '.join(ways)} exclude each other")
+    if len(selected := _ways(where)) > 1:
+        raise click.UsageError(f"{' and '.join(selected)} exclude each other")
     begin = local_workers(where)
     if queue_kind:
         jobs = where["queue_jobs"]

@@ -14,9 +14,9 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.orchestrator.advice import (
-    HARDLY_SHARE,
-    MOSTLY_SHARE,
-    Share,
+    HARDLY_FRACTION,
+    MOSTLY_FRACTION,
+    LevelCount,
     scaling_warnings,
     shaking_warnings,
     suggestions,
@@ -130,12 +130,12 @@ def test_a_table_that_holds_displacement_bounds_it(weak):
     ],
 )  # fmt: skip
 def test_levels_are_asked_for_where_the_rise_was_not_seen(shares, told):
-    assert [said.rpartition(": ")[2] for said in suggestions([Share(*each) for each in shares])] == told
+    assert [said.rpartition(": ")[2] for said in suggestions([LevelCount(*each) for each in shares])] == told
 
 
 @given(st.lists(st.tuples(st.integers(1, 50), st.floats(0, 1)), min_size=1, max_size=12))
 def test_every_share_is_advised_without_a_fault_and_ends_are_asked_for_exactly_where_they_are_open(drawn):
-    shares = [Share(float(n + 1), jobs, round(jobs * part)) for n, (jobs, part) in enumerate(drawn)]
+    shares = [LevelCount(float(n + 1), jobs, round(jobs * part)) for n, (jobs, part) in enumerate(drawn)]
     told = suggestions(shares)
-    assert any("levels above" in sentence for sentence in told) == (shares[-1].share < MOSTLY_SHARE)
-    assert any("levels below" in sentence for sentence in told) == (shares[0].share > HARDLY_SHARE)
+    assert any("levels above" in sentence for sentence in told) == (shares[-1].fraction < MOSTLY_FRACTION)
+    assert any("levels below" in sentence for sentence in told) == (shares[0].fraction > HARDLY_FRACTION)

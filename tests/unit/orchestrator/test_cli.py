@@ -153,7 +153,7 @@ def test_the_command_to_go_on_with_is_read_as_the_one_that_was_given():
         "choice": "slurm",
     }
     for option in command.params:
-        if isinstance(option, click.Option) and option.name not in (*run_verb.OF_ONE_CALL, "folder"):
+        if isinstance(option, click.Option) and option.name not in (*run_verb.NOT_RESUMED, "folder"):
             kind = (
                 option.type.name
                 if isinstance(option.type, click.Choice)

@@ -18,7 +18,7 @@ from toppling.models.scene import Scene
 from toppling.orchestrator import run_folder
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cli import cli
-from toppling.orchestrator.journal import journal, last, tell
+from toppling.orchestrator.journal import journal, last, log_event
 from toppling.orchestrator.plan import plan_of
 from toppling.orchestrator.run_folder import prepare, session
 from toppling.orchestrator.status import state_of
@@ -48,7 +48,7 @@ def runs(tmp_path_factory):
     with session(run), journal(run):
         for begin in range(0, 12, 4):
             write_part(run, rows[begin : begin + 4])
-            tell("rows stored", workers=2, deaths=0, again=0)
+            log_event("rows stored", workers=2, deaths=0, again=0)
     shutil.copytree(run, folder / "complete")
     write_part(folder / "complete", rows[12:])
     compact(folder / "complete")

@@ -5,7 +5,7 @@ import logging
 
 import pytest
 
-from toppling.orchestrator.journal import LOG_FILE, journal, last, tell
+from toppling.orchestrator.journal import LOG_FILE, journal, last, log_event
 
 
 def entries(run):
@@ -14,7 +14,7 @@ def entries(run):
 
 def test_events_and_warnings_are_lines_with_time_level_and_fields(tmp_path):
     with journal(tmp_path):
-        tell("rows stored", done=3)
+        log_event("rows stored", done=3)
         logging.getLogger("toppling.orchestrator.execution").warning(
             "a worker %s", "died", extra={"fields": {"worker": "w1"}}
         )
@@ -26,18 +26,18 @@ def test_events_and_warnings_are_lines_with_time_level_and_fields(tmp_path):
 
 def test_nothing_is_written_outside_a_session(tmp_path):
     with journal(tmp_path):
-        tell("one")
-    tell("two")
+        log_event("one")
+    log_event("two")
     assert [entry["event"] for entry in entries(tmp_path)] == ["one"]
 
 
 def test_a_line_that_a_crash_cut_spoils_no_other(tmp_path):
     with journal(tmp_path):
-        tell("rows stored", done=1)
+        log_event("rows stored", done=1)
     with (tmp_path / LOG_FILE).open("a") as file:
         file.write('{"event": "rows sto')
     with journal(tmp_path):
-        tell("session began")
+        log_event("session began")
     lines = (tmp_path / LOG_FILE).read_text().splitlines()
     assert json.loads(lines[-1])["event"] == "session began"
     assert last(tmp_path, "rows stored")["done"] == 1
@@ -46,7 +46,7 @@ def test_a_line_that_a_crash_cut_spoils_no_other(tmp_path):
 def test_the_newest_entry_of_a_kind_is_found_in_a_long_log(tmp_path):
     with journal(tmp_path):
         for n in range(5000):
-            tell("rows stored", done=n)
+            log_event("rows stored", done=n)
     assert last(tmp_path, "rows stored")["done"] == 4999
     assert last(tmp_path, "session ended") is None
 
@@ -55,5 +55,5 @@ def test_a_log_that_leads_elsewhere_is_not_followed(tmp_path):
     (tmp_path / "elsewhere").write_text("mine")
     (tmp_path / LOG_FILE).symlink_to(tmp_path / "elsewhere")
     with pytest.raises(OSError, match="symbolic links"), journal(tmp_path):
-        tell("session began")
+        log_event("session began")
     assert (tmp_path / "elsewhere").read_text() == "mine"

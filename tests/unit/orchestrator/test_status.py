@@ -12,9 +12,9 @@ from refusals import refused
 from small_campaigns import planned_in
 
 from toppling.orchestrator.cli import cli
-from toppling.orchestrator.journal import journal, tell
+from toppling.orchestrator.journal import journal, log_event
 from toppling.orchestrator.run_folder import prepare, session
-from toppling.orchestrator.status import shares_of, state_of
+from toppling.orchestrator.status import level_counts, state_of
 from toppling.orchestrator.task import lost_row
 from toppling.results.store import write_part
 
@@ -100,12 +100,12 @@ def test_jobs_to_be_done_again_are_told_while_the_session_goes_on_and_no_longer(
     write_part(run, rows(planned, [("crashed", "died")] * 4 + [("ok", "")] * 11))
     workers = {"workers": 2, "deaths": 0}
     with session(run), journal(run):
-        tell("rows stored", again=0, workers=9, deaths=9)  # of an earlier session
-        tell("work began", again=4, **workers)
+        log_event("rows stored", again=0, workers=9, deaths=9)  # of an earlier session
+        log_event("work began", again=4, **workers)
         assert (state_of(run)["again"], state_of(run)["workers"]) == (4, 2)
         said = CliRunner().invoke(cli, ["status", str(run)]).output
         assert "running, 15 of 15 jobs stored, 4 of them still to be done again" in said
-        tell("rows stored", again=1, **workers)
+        log_event("rows stored", again=1, **workers)
         assert state_of(run)["again"] == 1
     assert (state_of(run)["again"], state_of(run)["state"]) == (0, "complete")
 
@@ -164,7 +164,7 @@ def test_the_shares_of_a_run_count_jobs_with_an_answer_by_level(planned, tmp_pat
     done = rows(planned, [("ok", ""), ("ok", ""), ("crashed", "died")])
     answered = [row | {"toppled": n == 0} for n, row in enumerate(done[:2])]
     write_part(tmp_path / "run", [*answered, done[2]])
-    (share,) = shares_of(tmp_path / "run")
+    (share,) = level_counts(tmp_path / "run")
     assert (share.level_m_s2, share.jobs, share.toppled) == (5.0, 2, 1)
 
 

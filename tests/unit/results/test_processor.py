@@ -42,9 +42,9 @@ def test_a_blas_whose_kernel_nobody_knows_is_named_as_numpy_names_it(monkeypatch
 def test_a_worker_computes_with_one_thread_however_it_was_started():
     program = """
 from threadpoolctl import threadpool_info
-from toppling.orchestrator.processor import one_blas_thread
+from toppling.orchestrator.processor import single_blas_thread
 before = {one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas"}
-one_blas_thread()
+single_blas_thread()
 print(*before, *(one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas"))
 """
     done = subprocess.run(

@@ -18,7 +18,7 @@ from toppling.models.scan.survey import save_survey, survey
 from toppling.models.scan.worked_out import WorkedOut
 from toppling.models.scene import Scene
 from toppling.orchestrator.cli import cli as main
-from toppling.orchestrator.public.making import hints_said, of_base
+from toppling.orchestrator.public.making import of_base, stated_hints
 
 pytestmark = pytest.mark.usefixtures("few_draws", "no_pictures")
 
@@ -196,7 +196,7 @@ def test_everything_said_comes_back_from_its_file(monkeypatch, tmp_path):
     points = ["a,0,0,0,1,2,3", "b,1,0,0,2,2,3", "c,0,1,0,1,3,3"]
     (tmp_path / "gcp.csv").write_text("\n".join(points))
     (tmp_path / "outline.csv").write_text("\n".join(",".join(map(str, row)) for row in SAID["outline"]))
-    said = hints_said(
+    said = stated_hints(
         SAID | {"gcp": tmp_path / "gcp.csv", "outline": tmp_path / "outline.csv"},
         inspection_of(None, **of_base(SAID)),
     )

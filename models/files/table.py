@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 from toppling.models.errors import refusals
 from toppling.models.files.csv_text import is_numeral
@@ -22,12 +22,13 @@ _REMARK = re.compile(r'\s*"?(?:[#%]|//)(?!\s*[,;\t]\s*\w[^=]*$)|sep=.$')
 """How a line begins that is no row, but where a column is called #; and Excel's note on its separator."""
 _MINUS = re.compile(r"[\u2212\u2013](?=[\d.,])")
 _NUMBER = re.compile(
-    r"([-+]?(?:\d{1,3}(?:([.,])\d{3})+(?:(?!\2)[.,]\d*)?|\d*[.,]\d+|\d+[.,]?)(?:e[-+]?\d+)?)(\s*[a-z%/^²]*)",
+    r"([-+]?(?:\d{1,3}(?:([.,])\d{3})+(?:(?!\2)[.,]\d+)?|\d*[.,]\d+|\d+\.?)(?:[ed][-+]?\d+)?)(\s*[a-z%/^²]*)",
     re.IGNORECASE,
 )
 """A number of any country, perhaps with its unit."""
+_COMMA_AND_BLANK = re.compile(r",\s+")
 _THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(?:,\d{3})+(?:\.\d*)?")
-_DECIMAL = re.compile(r"[-+]?(?:\d*|[1-9]\d{0,2}(?:\.\d{3})+),\d*(?:e[-+]?\d+)?", re.IGNORECASE)
+_DECIMAL = re.compile(r"[-+]?(?:\d*|[1-9]\d{0,2}(?:\.\d{3})+),\d+(?:e[-+]?\d+)?", re.IGNORECASE)
 _DOTTED = re.compile(r"[-+]?[1-9]\d{0,2}(?:\.\d{3})+(?:,\d*)?")
 
 
@@ -42,7 +43,9 @@ class Table(TextFile):
     rows: Sequence[tuple[int, list[str]]] = ()
     """With the place of its line each, from 0."""
     sign: str | None = None
-    """Between the cells: semicolon, tab or comma, the first that a line has; None for blanks, or of one column."""
+    """Between the cells: semicolon, tab or comma, the first that a line has; None for blanks, or of one column.
+
+    A comma with a blank where other commas are decimal."""
     decimal: str = "."
     """In the numbers of the file."""
     thousands: str | None = None
@@ -75,12 +78,10 @@ class Table(TextFile):
         rows: list[tuple[int, list[str]]] = []
         if sign is None:
             words = [(n, line.split()) for n, line in enumerate(plain[first:], first)]
-            one_column = len({len(row) for _, row in words if row}) > 1
+            one_column = max((len(row) for _, row in words[1:]), default=2) < 2
             rows = [(n, [" ".join(row)] if one_column else row) for n, row in words]
         else:
-            reader = csv.reader(
-                (f"{line}\n" for line in plain[first:]), delimiter=sign, skipinitialspace=True
-            )
+            reader = _reader(plain[first:], sign)
             try:
                 rows += ((first + reader.line_num - 1, [cell.strip() for cell in row]) for row in reader)
             except csv.Error as error:
@@ -91,6 +92,11 @@ class Table(TextFile):
         if (decimal, thousands) != (".", None):
             rows = [(n, [_plain(cell, decimal, thousands or "") for cell in row]) for n, row in rows]
         return cls(path, lines, rows=rows, sign=sign, decimal=decimal, thousands=thousands)
+
+    def cells(self, line: str) -> list[str]:
+        """Cells of another line of the table."""
+        row = line.split() if self.sign is None else next(_reader([line], self.sign), [])
+        return [_plain(cell.strip(), self.decimal, self.thousands or "") for cell in row]
 
     @property
     def names(self) -> list[str]:
@@ -121,11 +127,27 @@ def places_in(table: Table, part: slice, counts: Sequence[int], refuse: Refuse) 
 
 def _sign(lines: Sequence[str]) -> str | None:
     for line in lines:
-        if sign := next((sign for sign in _SIGNS if sign in line), None):
-            words = line.split()
-            of_numbers = sign == "," and len(words) > 1 and all(map(_NUMBER.fullmatch, words))
-            return None if of_numbers else sign
+        sign, words = next((sign for sign in _SIGNS if sign in line), None), line.split()
+        if sign in (None, ",") and len(words) > 1 and all(map(is_number, words)):
+            return None
+        parts = _COMMA_AND_BLANK.split(line.strip())
+        if sign == "," and len(parts) > 1 and "," in "".join(parts) and all(map(is_number, parts)):
+            return ", "
+        if sign:
+            return sign
     return None
+
+
+def _reader(lines: Sequence[str], sign: str) -> Any:
+    """Reader of rows, which counts the lines."""
+    if sign == ", ":
+        lines, sign = [_COMMA_AND_BLANK.sub(";", line) for line in lines], ";"
+    return csv.reader((f"{line}\n" for line in lines), delimiter=sign, skipinitialspace=True)
+
+
+def is_number(cell: str) -> bool:
+    """Whether a cell is a number of any country, perhaps with its unit."""
+    return _NUMBER.fullmatch(cell) is not None
 
 
 def _signs_in_numbers(rows: Sequence[tuple[int, list[str]]], sign: str | None) -> tuple[str, str | None]:
@@ -150,4 +172,4 @@ def _signs_in_numbers(rows: Sequence[tuple[int, list[str]]], sign: str | None) -
 
 
 def _plain(cell: str, decimal: str, thousands: str) -> str:
-    return cell.replace(thousands, "").replace(decimal, ".") if _NUMBER.fullmatch(cell) else cell
+    return cell.replace(thousands, "").replace(decimal, ".") if is_number(cell) else cell

@@ -21,18 +21,18 @@ _NO_LINE_ENDS = str.maketrans(dict.fromkeys("\x0b\x0c\x1c\x1d\x1e\x85\u2028\u202
 """Where Python splits lines and no file of numbers does: form feeds of listings, bytes of other encodings."""
 _AS_ASCII = str.maketrans({"\u2212": "-", "\u00a0": " "})
 """A minus and a blank of word processors."""
-_UTF_16_SHARE = 0.9
+_UTF_16 = (b"\xff\xfe", b"\xfe\xff")
+"""Marks with which UTF-16 begins."""
 
 
 def text_of(content: bytes) -> str | None:
     """Text of a file with lines that end in a newline, None if it is binary.
 
-    UTF-8 and UTF-16 are recognised; what is neither is in the encoding of western Windows, which has that of Latin-1
-    for every letter and sign of a unit.
+    UTF-8, and UTF-16 by its mark, are recognised; what is neither is in the encoding of western Windows, which has that
+    of Latin-1 for every letter and sign of a unit.
     """
-    encoding = _utf_16(content)
-    if encoding:
-        text = content.decode(encoding, errors="replace").lstrip("\ufeff").rstrip(_FILLED_UP.decode())
+    if content.startswith(_UTF_16):
+        text = content.decode("utf-16", errors="replace").rstrip(_FILLED_UP.decode())
     else:
         content = _FILLING.sub(b"", content.rstrip(_FILLED_UP))
         if b"\0" in content[:HEAD_BYTES]:
@@ -54,8 +54,8 @@ def text_given(path: Path, refuse: Refuse, most_bytes: int = LARGEST_TABLE_BYTES
 
 def encoding_of(head: bytes) -> str | None:
     """Encoding of a text by its first lines, for a file too large to be decoded at once; None if it is binary."""
-    if encoding := _utf_16(head):
-        return encoding
+    if head.startswith(_UTF_16):
+        return "utf-16"
     if b"\0" in head:
         return None
     try:
@@ -73,19 +73,6 @@ def _decoded(content: bytes) -> str:
         except UnicodeDecodeError:
             continue
     return content.decode("latin-1")
-
-
-def _utf_16(content: bytes) -> str | None:
-    """Name of the encoding where every other byte of the beginning is zero, or the mark of the order stands there."""
-    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
-        return "utf-16"
-    head = content[: HEAD_BYTES // 2 * 2]
-    if len(head) < 100:
-        return None
-    even, odd = head[::2].count(0) / (len(head) / 2), head[1::2].count(0) / (len(head) / 2)
-    if max(even, odd) < _UTF_16_SHARE or min(even, odd) > 1 - _UTF_16_SHARE:
-        return None
-    return "utf-16-le" if odd > even else "utf-16-be"
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,5 @@
 """Clouds as text: which sign parts the numbers, which one is decimal, in which encoding, and how the lines end."""
 
-import csv
 import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError, refusals
 from toppling.models.files.given import check_lines, open_given
+from toppling.models.files.table import Table, is_number
 from toppling.models.scan.header import named_columns
 from toppling.models.scan.plausible import is_geocentric
 
@@ -27,9 +27,7 @@ _EVEN = 1e-3
 _ENDS = "\x1a\0"
 """DOS' end-of-file character, and what a program leaves of a block that it did not fill."""
 _BETWEEN_CELLS = ",;\t\r\n "
-_WITH_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
 _WHOLE = re.compile(r"[+-]?\d+")
-_THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:([.,'])\d{3})+(?:(?!\1)[.,]\d+)")
 
 
 _FORTRAN = re.compile(r"(\d\.?)[dD]([+-]?\d)")
@@ -50,30 +48,19 @@ _ambiguous = refusals(
 
 @dataclass(frozen=True)
 class _Layout:
-    """How numbers stand in a text."""
+    """How numbers stand in a text, as a table has them."""
 
-    parted_by: str | None = None  # one character; None for any blanks
-    decimal_comma: bool = False
-    quoted: bool = False
+    table: Table
+    quoted: bool
 
     def fields(self, line: str) -> list[str]:
         """Numbers of a line, with decimal points."""
-        text = line.strip().strip(_ENDS)
-        if self.quoted:
-            try:
-                words = next(csv.reader([text], delimiter=self.parted_by or " ", skipinitialspace=True), [])
-            except csv.Error:  # a field of more than 131,072 characters is no number
-                words = []
-        elif self.parted_by == ", ":
-            words = re.split(r",\s+", text)
-        else:
-            words = text.split(self.parted_by)
-        return [word.strip().replace(",", ".") if self.decimal_comma else word.strip() for word in words]
+        return self.table.cells(line.strip().strip(_ENDS))
 
     @property
     def is_plain(self) -> bool:
         """Whether NumPy reads such lines as they are."""
-        return not (self.decimal_comma or self.quoted)
+        return not self.quoted and (self.table.decimal, self.table.thousands) == (".", None)
 
 
 def read_text(path: Path, unit_given: bool = False) -> tuple[Array, tuple[str, ...], str]:
@@ -86,7 +73,7 @@ def read_text(path: Path, unit_given: bool = False) -> tuple[Array, tuple[str, .
     encoding = _encoding_of(path)
     with path.open(encoding=encoding, errors="replace") as lines:
         head = [line for _, line in zip(range(_HEAD_LINES), lines, strict=False)]
-    skip = next((i for i, line in enumerate(head) if (_layout(line, str(path)) is not None)), None)
+    skip = next((i for i, line in enumerate(head) if _begins_with_numbers(line)), None)
     if skip is None:
         return np.empty((0, 3)), (), ""
     with path.open(encoding=encoding, errors="replace") as lines:
@@ -105,7 +92,7 @@ def read_text(path: Path, unit_given: bool = False) -> tuple[Array, tuple[str, .
     lines_from = partial(_rows, path, encoding, skip, layout)
     load = partial(
         np.loadtxt,
-        delimiter=layout.parted_by if layout.is_plain else ";",
+        delimiter=layout.table.sign if layout.is_plain else ";",
         usecols=named or (0, 1, 2),
         ndmin=2,
         comments=("#", "//"),
@@ -179,77 +166,28 @@ def _encoding_of(path: Path) -> str:
     return "utf-8-sig"
 
 
-def _layout(line: str, where: str) -> _Layout | None:
-    """How the numbers of a line stand; None if it does not begin with three of them.
-
-    Raises InputError if it holds numbers with thousands parted.
-    """
-    text = line.strip().strip(_ENDS)
-    if not text or text.startswith(("#", "//")):
-        return None
-    quoted = '"' in text
-    words = text.split()
-    if ";" in text:
-        parted: str | None = ";"
-    elif not quoted and len(words) >= 3 and _of_commas(words):
-        return _Layout(None, True)
-    elif (
-        not quoted and len(commas := re.split(r",\s+", text)) >= 3 and all(map(_WITH_COMMA.fullmatch, commas))
-    ):
-        return _Layout(", ", True)
-    else:
-        parted = "," if "," in text and "\t" not in text else None
-    if (
-        parted == ","
-        and len(words) >= 3
-        and all(_is_number(word) or _THOUSANDS.fullmatch(word) for word in words[:3])
-    ):
-        raise _ambiguous(
-            "cloud.numbers_ambiguous",
-            f"numbers with thousands parted, such as {max(words[:3], key=len)}",
-            where,
-        )
-    raw = _Layout(parted, False, quoted).fields(text)
-    comma = parted != "," or quoted
-    layout = _Layout(parted, comma and _of_commas(raw), quoted)
-    numbers = 0
-    for word in layout.fields(text):
-        if _THOUSANDS.fullmatch(word) and not _is_number(word):
-            raise _ambiguous(
-                "cloud.numbers_ambiguous", f"numbers with thousands parted, such as {word}", where
-            )
-        if not _is_number(word):
-            break
-        numbers += 1
-    return layout if numbers >= 3 else None
-
-
-def _of_commas(words: list[str]) -> bool:
-    """Whether the first three words are numbers, of which some have decimal commas and none a decimal point."""
-    first = words[:3]
-    return any(map(_WITH_COMMA.fullmatch, first)) and all(
-        _WITH_COMMA.fullmatch(word) or _WHOLE.fullmatch(word) for word in first
-    )
+def _begins_with_numbers(line: str) -> bool:
+    """Whether a line begins with three numbers, whatever parts them and their decimals."""
+    cells = Table.of([line.strip(_ENDS)], Path()).names[:3]
+    return len(cells) == 3 and all(is_number(cell) or _is_number(cell) for cell in cells)
 
 
 def _settled(lines: list[str], path: Path) -> _Layout:
-    """The layout of most of the first lines: a whole number tells nothing of the decimal sign.
+    """The layout that the first lines show.
 
-    Raises InputError if commas part the numbers and are decimal too.
+    Raises InputError if commas part the numbers and are decimal too, or may be either.
     """
-    found = [layout for line in lines if (layout := _layout(line, str(path))) is not None]
-    layout = next((each for each in found if each.decimal_comma), found[0])
-    if layout.parted_by == "," and not layout.quoted:
-        rows = [fields for line in lines if len(fields := layout.fields(line)) >= 6 and len(fields) % 2 == 0]
-        if rows and all(all(map(_WHOLE.fullmatch, row)) for row in rows):
-            digits = [row[1::2] for row in rows]
-            if any(len(word) > 1 and word.startswith("0") for row in digits for word in row):
-                raise _ambiguous(
-                    "cloud.numbers_ambiguous",
-                    "commas part the numbers and stand before decimals, too",
-                    str(path),
-                )
-    return layout
+    table = Table.of([line.strip(_ENDS) for line in lines if _no_count(line)], path)
+    rows = [row for _, row in table.rows]
+    if unclear := [cell for row in rows for cell in row[:3] if "," in cell and is_number(cell)]:
+        raise _ambiguous("cloud.numbers_ambiguous", f"numbers such as {unclear[0]}", str(path))
+    quoted = any('"' in line for line in lines)
+    even = [row for row in rows if len(row) >= 6 and len(row) % 2 == 0]
+    whole = table.sign == "," and not quoted and all(all(map(_WHOLE.fullmatch, row)) for row in even)
+    if whole and any(len(word) > 1 and word.startswith("0") for row in even for word in row[1::2]):
+        what = "commas part the numbers and stand before decimals, too"
+        raise _ambiguous("cloud.numbers_ambiguous", what, str(path))
+    return _Layout(table, quoted)
 
 
 def _ends_oddly(path: Path) -> bool:

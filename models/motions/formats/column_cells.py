@@ -124,7 +124,7 @@ def _print_error(numbers: list[str]) -> float:
     """
     digits, largest = 0, 0
     for number in numbers:
-        mantissa, _, exponent = number.upper().partition("E")
+        mantissa, _, exponent = number.upper().replace("D", "E").partition("E")
         digits = max(digits, len(mantissa.partition(".")[2]))
         largest = max(largest, int(exponent or 0))
     return 1.01 * 10.0 ** (largest - digits) if digits else 0.0

@@ -59,8 +59,6 @@ from toppling.models.motions.place import place_above
 NAME = "plain columns"
 _NUMBER = re.compile(r"^[-+]?((\d+(\.\d*)?|\.\d+)([EeDd][-+]?\d+)?|nan|inf)$", re.IGNORECASE)
 """NaN too: a file that begins with one is of this format, and damaged at that line."""
-_EXPONENT = re.compile(r"(?<=[\d.])[Dd](?=[-+\d])")
-"""Fortran's double precision, which is no number elsewhere."""
 _WORD = re.compile(r"[^\s(\[]+\s*+(?:[(\[][^)\]]{0,200}[)\]])?")
 _TEXT = re.compile(r"\s*[A-Za-z#%!/]")
 """How a line of text begins, below the samples."""
@@ -209,7 +207,6 @@ def read(file: RecordText) -> list[Component]:
         "" if line.lstrip().startswith(_REMARK) else separated(plain_line(line), layout.decimal_comma)
         for line in lines[first:end]
     ]
-    rows = [_EXPONENT.sub("E", row) if "D" in row or "d" in row else row for row in rows]
     rows = [row if len(row.split()) == width else parted(row) for row in rows]
     wrapped = _is_wrapped(lines, layout)
     for offset, row in enumerate(() if wrapped else rows):

@@ -1,7 +1,7 @@
 """What free text above samples says of them: their unit, their peak, the time step, how many there are."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from toppling.models.motions.formats.column_names import label_of
@@ -63,47 +63,47 @@ _STEP_OFF = 0.02
 _MOST_LINES, _LONGEST = 200, 300
 
 
+def _found(pattern: re.Pattern[str], lines: Sequence[str]) -> Iterator[re.Match[str]]:
+    """What a pattern finds in lines of text."""
+    for line in lines[:_MOST_LINES]:
+        yield from pattern.finditer(line[:_LONGEST])
+
+
 def stated_unit(lines: Sequence[str]) -> float | None:
     """One unit of the samples in m/s2, where the lines name one acceleration's unit and no other."""
     found = set()
-    for line in lines[:_MOST_LINES]:
-        for match in _UNIT.finditer(line[:_LONGEST]):
-            clause = re.split("[;,|]", line[: match.start(match.lastindex or 0)])[-1]
-            text = next(filter(None, match.groups())).strip()
-            if not text or _OF_INSTRUMENT.search(clause):
-                continue
-            in_brackets = text.partition("(")[2].partition(")")[0]
-            ways = (text, *re.split(r"[(,;]| {2,}", text), text.split()[0], in_brackets)
-            found.add(next(filter(None, map(acceleration_m_s2, ways)), None))
+    for match in _found(_UNIT, lines):
+        clause = re.split("[;,|]", match.string[: match.start(match.lastindex or 0)])[-1]
+        text = next(filter(None, match.groups())).strip()
+        if not text or _OF_INSTRUMENT.search(clause):
+            continue
+        in_brackets = text.partition("(")[2].partition(")")[0]
+        ways = (text, *re.split(r"[(,;]| {2,}", text), text.split()[0], in_brackets)
+        found.add(next(filter(None, map(acceleration_m_s2, ways)), None))
     found.discard(None)
     return found.pop() if len(found) == 1 else None
 
 
 def unit_of_peaks(lines: Sequence[str], largest: float) -> float | None:
     """Unit in m/s2 of peaks that the lines state, where it is that of the samples: their largest is such a peak."""
-    for line in lines[:_MOST_LINES]:
-        for match in _PEAKS_IN.finditer(line[:_LONGEST]):
-            unit, peaks = acceleration_m_s2(match[1]), re.findall(_NUMBER, match[2])
-            peak = max(abs(float(each)) for each in peaks)
-            if unit and largest / _PEAK_OFF < peak < largest * _PEAK_OFF:
-                return unit
+    for match in _found(_PEAKS_IN, lines):
+        unit, peaks = acceleration_m_s2(match[1]), re.findall(_NUMBER, match[2])
+        peak = max(abs(float(each)) for each in peaks)
+        if unit and largest / _PEAK_OFF < peak < largest * _PEAK_OFF:
+            return unit
     return None
 
 
 def stated_direction(lines: Sequence[str]) -> float | str | None:
     """Direction of one component, where the lines name one and no other."""
-    found = {
-        code_direction(label_of(match[1]) or match[1])
-        for line in lines[:_MOST_LINES]
-        for match in _COMPONENT.finditer(line[:_LONGEST])
-    }
+    found = {code_direction(label_of(match[1]) or match[1]) for match in _found(_COMPONENT, lines)}
     found.discard(None)
     return found.pop() if len(found) == 1 else None
 
 
 def stated_orientations(lines: Sequence[str]) -> list[float | str]:
     """Directions of several components, in their order, where one line states them all; none else."""
-    found = [match[1] for line in lines[:_MOST_LINES] if (match := _ORIENTATIONS.search(line[:_LONGEST]))]
+    found = [match[1] for match in _found(_ORIENTATIONS, lines)]
     said = [code_direction(word.strip()) for word in re.split("[,;/]", found[0])] if len(found) == 1 else []
     return [each for each in said if each is not None] if None not in said else []
 
@@ -113,12 +113,10 @@ def stated_step_s(lines: Sequence[str], rows: int) -> float | None:
 
     A last line of two numbers is count and step, if the count is that of the rows.
     """
-    found = set()
-    for line in lines[:_MOST_LINES]:
-        found |= {1 / float(match[1]) for match in _RATE.finditer(line[:_LONGEST]) if float(match[1]) > 0}
-        for match in _STEP.finditer(line[:_LONGEST]):
-            milli = match[3] or re.search(r"\bms(?:ec)?\b|milli", match[1], re.IGNORECASE)
-            found.add(float(match[2]) * (1e-3 if milli else 1.0))
+    found = {1 / float(match[1]) for match in _found(_RATE, lines) if float(match[1]) > 0}
+    for match in _found(_STEP, lines):
+        milli = match[3] or re.search(r"\bms(?:ec)?\b|milli", match[1], re.IGNORECASE)
+        found.add(float(match[2]) * (1e-3 if milli else 1.0))
     pair = _COUNT_AND_STEP.match(lines[-1]) if lines else None
     if pair and int(pair[1]) == rows:
         found.add(float(pair[2]))
@@ -128,7 +126,7 @@ def stated_step_s(lines: Sequence[str], rows: int) -> float | None:
 
 def stated_counts(lines: Sequence[str]) -> set[int]:
     """Numbers of samples that the lines state."""
-    return {int(match[1]) for line in lines[:_MOST_LINES] for match in _COUNT.finditer(line[:_LONGEST])}
+    return {int(match[1]) for match in _found(_COUNT, lines)}
 
 
 def check_stated(lines: Sequence[str], step_s: float, shape: tuple[int, int], path: Path) -> None:
@@ -157,8 +155,7 @@ def stated_peak_m_s2(lines: Sequence[str]) -> float | None:
 
     One of a single digit is rounded too much to be held against the samples.
     """
-    found = [match for line in lines[:_MOST_LINES] for match in _PEAK.finditer(line[:_LONGEST])]
-    found = [match for match in found if len(re.sub(r"^[-+.0]+|\.|[eE].*", "", match[2])) > 1]
+    found = [match for match in _found(_PEAK, lines) if len(re.sub(r"^[-+.0]+|\.|[eE].*", "", match[2])) > 1]
     found.sort(key=lambda match: match["raw"] is not None)
     peaks = ((abs(float(match[2])), acceleration_m_s2(match["unit"])) for match in found)
     return next((size * unit for size, unit in peaks if unit and size), None)

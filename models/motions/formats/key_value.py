@@ -7,6 +7,7 @@ from itertools import zip_longest
 import numpy as np
 from numpy.typing import NDArray
 
+from toppling.models.files.csv_text import is_numeral
 from toppling.models.motions.formats.component import Component, bearing, code_direction
 from toppling.models.motions.formats.record_text import Counted, RecordText
 from toppling.models.motions.formats.units import acceleration_m_s2
@@ -33,7 +34,7 @@ class esm:  # noqa: N801  (a reader, as the modules are)
         """Read one component."""
         lines = file.lines
         first = next(
-            (i for i, line in enumerate(lines) if _is_number(line.strip().replace(",", "."))), len(lines)
+            (i for i, line in enumerate(lines) if is_numeral(line.strip().replace(",", "."))), len(lines)
         )
         header = {
             key.strip().upper(): value.strip()
@@ -211,7 +212,7 @@ def _refuse_gap(file: RecordText, first: int, time: NDArray[np.float64], step: f
 
 
 def _is_row(line: str) -> bool:
-    return bool(line.strip()) and all(_is_number(word.replace(",", ".")) for word in line.split())
+    return bool(line.strip()) and all(is_numeral(word.replace(",", ".")) for word in line.split())
 
 
 def _channels(file: RecordText, header: dict[str, str]) -> tuple[list[str], list[str], list[str]]:
@@ -232,15 +233,11 @@ def _slashed(header: dict[str, str], key: str) -> list[str]:
 
 def _number(file: RecordText, header: dict[str, str], key: str) -> float:
     text = header.get(key, "").replace(",", ".")
-    if not _is_number(text):
+    if not is_numeral(text):
         file.refuse("record.header_unreadable", 0, f"{key} is {text!r}", "a number")
     return float(text)
 
 
 def _optional(text: str | None) -> float | None:
     """Read a number that may be missing."""
-    return float(text) if text and _is_number(text) else None
-
-
-def _is_number(text: str | None) -> bool:
-    return bool(re.fullmatch(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?", text or ""))
+    return float(text) if text and is_numeral(text) else None

@@ -23,7 +23,6 @@ WAYS = {
     "no end of the last line": lambda content: content.rstrip(b"\n"),
     "blank lines at the end": lambda content: content + b"\n  \n\n",
     "UTF-16 of Windows": lambda content: content.decode().encode("utf-16"),
-    "UTF-16 without a mark": lambda content: content.decode().replace("\n", "\r\n").encode("utf-16-le"),
     "UTF-16 of another order": lambda content: b"\xfe\xff" + content.decode().encode("utf-16-be"),
 }
 

@@ -446,10 +446,12 @@ REFUSED = {
         "0.1 0.01\n0.2 0.001\n",
         "0.1,0.01\n0.2,0.001\n",
     ),
-    "table.row_wrong_length": ("PGA,annual_rate\n0.1,0.01,3\n0.2,0.001\n",),
+    "table.row_wrong_length": (
+        "PGA,annual_rate\n0.1,0.01,3\n0.2,0.001\n",
+        "| PGA (g) | annual_rate |\n|---|---|\n| 0.1 | 1e-2 |\n| 0.2 | 1e-3 |\n",
+    ),
     "hazard.columns_unknown": (
         "PGA (g),0.1,0.2\nannual_rate,1e-2,1e-3\n",
-        "| PGA (g) | annual_rate |\n|---|---|\n| 0.1 | 1e-2 |\n| 0.2 | 1e-3 |\n",
         "PGA (g),mean,5%,95%\n0.1,1e-2,1e-3,1e-1\n0.2,1e-3,1e-4,1e-2\n",
         "level (g),PGA,SA(1.0)\n0.1,1e-2,1e-2\n0.2,1e-3,1e-3\n",
         "PGA (g),annual_rate,return_period\n0.1,1e-2,100\n0.2,1e-3,1000\n",

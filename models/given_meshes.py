@@ -28,7 +28,7 @@ def rock_of(mesh: MeshLike, units: str | None) -> tuple[Rock, Array]:
     check_size(rock.height_m, where, "units")
     warning = "" if stated else too_large(rock.height_m, rock.volume_m3, "units")
     if warning:
-        warnings.warn(f"{where}: {warning}. If they are in metres, units='m' says so.", stacklevel=3)
+        warnings.warn(f"{where}: {warning}. If they are in metres, give units='m'.", stacklevel=3)
     origin = nearby_origin_m(rock.vertices_m)
     return (rock.moved(np.eye(3), -origin) if origin.any() else rock), origin
 

@@ -65,7 +65,7 @@ def warnings_of(campaign: Campaign, scene: Scene) -> list[str]:
         )
     if scene.unseen is not None and campaign.first_realisation == 0 and campaign.realisations == 1:
         found.append(
-            f"only one of the rock's possible bases is shaken, but nobody saw the base; {_width_sentence(scene)}"
+            f"only one of the rock's possible bases is shaken, but the base is hidden; {_width_sentence(scene)}"
             f"'realisations = {REALISATIONS}' spreads the jobs over others too"
         )
     statics = statics_of(scene.with_contact(ContactProperties.of(campaign.friction[0])))
@@ -118,7 +118,7 @@ def shaking_warnings(campaign: Campaign, ensemble: Ensemble) -> list[str]:
         f"{beyond.mean():.0%} of the jobs shake beyond what was ever recorded (PGV above {TOLD_PGV_M_S:g} m/s or PGD "
         f"above {LARGEST_PGD_M:g} m):".replace("%", " %", 1)
         + f"{at} {listed(named, _MOST_NAMED)}; lower levels or records with less PGV for their PGA avoid it, and the "
-        "report tells what leaving these jobs out changes"
+        "report shows the effect of leaving these jobs out"
     ]
 
 

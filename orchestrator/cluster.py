@@ -80,7 +80,7 @@ def _local_client(workers: int, most: int) -> Iterator[Client]:
     compile_apart()
     if FOLDER is None:
         log.warning(
-            "compiled code cannot be kept: each worker compiles first. TOPPLING_CACHE names a folder for it"
+            "compiled code cannot be cached: each worker compiles first. TOPPLING_CACHE names a folder for the cache"
         )
     load_defaults()
     with Uninterrupted(_local_session(most)) as client:

@@ -85,7 +85,7 @@ def _place() -> Path:
 
 
 def _storage_error(why: object) -> StorageError:
-    return StorageError(f"what the client sends cannot be kept in {_place()} ({why})")
+    return StorageError(f"files from the client cannot be stored in {_place()} ({why})")
 
 
 def _receive(upload: str, file: str, piece: bytes) -> None:

@@ -76,7 +76,7 @@ def check_weighable(scene: Scene, realisations: int, where: str) -> None:
     if scene.unseen is None:
         raise InputError(
             "draws.missing",
-            "the scene has no draws of its base, so there is nothing that a shaking it stood could tell of",
+            "the scene has no draws of its base, which survived shaking could weight",
             where=where,
             expected="a scene with bases.json",
             remedy="make it with 'toppling scan', or with models.hidden_base.rough_base.with_rough_base for a mesh",
@@ -125,7 +125,7 @@ def _refuse_twins(records: Sequence[Record]) -> None:
                     "record.given_twice",
                     f"{record.record_id} and {other.record_id} are {what}",
                     where="motions that the rock stood",
-                    expected="each motion once, as what is told twice would count twice",
+                    expected="each motion once: a repeated one would count twice",
                     remedy="leave one of the two out"
                     if attribute == "sha"
                     else "import them into one ensemble ('toppling records import'), and give its folder",

@@ -183,7 +183,7 @@ def sentences(summary: Mapping[str, Any]) -> list[str]:
         under = f" with friction {contact['friction_static']:g}" if several else ""
         if contact["bases"] - contact["effective_bases"] < 1e-6:
             found.append(
-                f"That {reason} tells nothing of its base{under}: its {contact['bases']} draws weigh alike"
+                f"That {reason} does not constrain its base{under}: its {contact['bases']} draws weigh alike"
             )
         else:
             heaviest = max(contact["weights"].values()) / contact["bases"]

@@ -215,7 +215,7 @@ class Picking:
         if self._kept is not None:
             raise InputError(
                 "pick.needs_clouds",
-                "this needs the clouds, of which the scan has kept the rock's surroundings only",
+                "this needs the clouds, of which the scan has stored only the rock's surroundings",
                 where="--again",
                 expected="hints on the base: touch, daylight, pull",
                 remedy="take the hint back, or scan the clouds with --pick and --hints, the scene's hints.toml",

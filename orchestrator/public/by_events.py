@@ -145,7 +145,7 @@ def _site_of(asked: tuple[float, float] | str, events: EventSet) -> tuple[int, f
             "site.places_missing",
             what="states no places of its sites",
             where=events.source,
-            expected="a sitemesh file beside the fields",
+            expected="a sitemesh file in the folder of the fields",
             remedy=f"put it there, or give a name: {', '.join(site.name for site in events.sites[:12])}",
         )
     number, place = placed[nearest([place for _, place in placed], asked, events.source)]
@@ -189,7 +189,7 @@ def _of_two_trees(first: HazardTree, second: HazardTree, correlation: float | No
             _joint_branches(first, second, scatter)[0] for scatter in np.linspace(*SCATTERS, READINGS)
         )
         notes += (
-            f"two curves do not tell which magnitudes they are of: intervals are over scatters of {SCATTERS[0]:g} to "
+            f"two curves do not determine their magnitudes: intervals are over scatters of {SCATTERS[0]:g} to "
             f"{SCATTERS[1]:g}",
         )
     site = EventSite(first.site_name or "site", first.site)

@@ -39,7 +39,7 @@ def _check(question: Question, ages: int, of_runs: Mapping[str, object]) -> None
     of_events = {"--event-rate": options.event_rate, "--catalogue-years": options.catalogue_years}
     files = [path for path in question.paths if not path.is_dir()]
     if not count:
-        _refuse("fragility.none", "no rock has topplings and survivals to tell its fragility by",
+        _refuse("fragility.none", "no rock has both topplings and survivals, which a fragility needs",
             "give a run that has both")  # fmt: skip
     if ages not in (0, 1, count):
         _refuse("age.count_differs", f"got {ages} ages for {count} rocks", "give one --age, or one per rock")

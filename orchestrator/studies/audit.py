@@ -104,7 +104,7 @@ def audit(work: Work, count: int) -> list[RunProgress]:
     if not able:
         raise InputError(
             "audit.nothing_finer",
-            "nothing that is installed can say more than this run, made with the finest preset",
+            "no installed engine or preset is finer than that of this run",
             where=str(folder),
             expected="a run with preset fast or standard, or a second engine",
             remedy="install one: "

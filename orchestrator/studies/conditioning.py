@@ -143,7 +143,7 @@ def refuse_counted(weights: Weights, recorded: stood.Recorded) -> None:
             "record.given_twice",
             f"the run counts {_and(twice)} already",
             where="--stood",
-            expected="each shaking once, as what is told twice would count twice",
+            expected="each motion once: a repeated one would count twice",
             remedy="leave it out: the run's own weights hold it",
         )
 

@@ -80,4 +80,4 @@ def audit(run: Path, jobs: int | None, take_over: bool, as_json: bool, **where: 
     for found in audits.values():
         click.echo(found.sentence)
     if not audits:
-        click.echo(f"fewer than {LEAST_JOBS} repeated jobs have an answer: nothing can be said")
+        click.echo(f"fewer than {LEAST_JOBS} repeated jobs have an answer: too few for an audit")

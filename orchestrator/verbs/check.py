@@ -124,7 +124,7 @@ def _show_matrix(rows: pd.DataFrame, matrix: pd.DataFrame) -> None:
         click.echo(f"({left} more scenarios: --out and --json give all)")
     toppled = int(rows["outcome"].isin(TOPPLED_OUTCOMES).sum())
     click.echo(
-        f"share that topples of each seismogram and its scaled neighbours; as they are, {toppled} of "
+        f"fraction toppled by each seismogram and its scaled copies; unscaled, {toppled} of "
         f"{rows['scenario'].count()} topple their rock"
     )
     for rock, of_rock in rows[rows["message"].notna()].groupby("rock"):

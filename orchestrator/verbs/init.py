@@ -178,7 +178,7 @@ preset = {_quoted(chosen.preset)}  # {keys["preset"].help}: {keys["preset"].valu
 def _realisations_line(points: int) -> str:
     """Line for `realisations`: enough to represent the unknown base, but at most the number of jobs per record."""
     return f"""
-# realisations: how many the jobs of each record are spread over; their number stays. Nobody saw the rock's base: one is
+# realisations: how many the jobs of each record are spread over; their number stays. The rock's base is hidden: one is
 # the scene as it is, each other has one of the bases that agree with the scan, and a friction about the one above.
 realisations = {min(REALISATIONS, points)}
 """

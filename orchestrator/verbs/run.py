@@ -50,7 +50,7 @@ def _precision(context: click.Context, parameter: click.Parameter, value: str | 
     try:
         share = float(value.removesuffix("%")) / (100.0 if value.endswith("%") else 1.0)
     except ValueError:
-        raise click.BadParameter(f"{value!r} is no share, such as 5% or 0.05") from None
+        raise click.BadParameter(f"{value!r} is not a fraction, such as 5% or 0.05") from None
     return share
 
 

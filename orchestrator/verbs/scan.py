@@ -75,7 +75,7 @@ def _without_rivals(given: dict[str, Any]) -> dict[str, Any]:
 @option("--out", type=shared.PATH, help="Folder of the scene; must not exist.")
 @option(
     "--units", type=click.Choice(list(METRES)),
-    help="Unit of the coordinates; it wins over what the files say. Metres where neither says anything.",
+    help="Unit of the coordinates, which overrides that stated in the files. Default: that of the files, or metres.",
 )  # fmt: skip
 @option(
     "--up", metavar="AXIS",
@@ -250,7 +250,7 @@ def _check_usage(files: tuple[Path, ...], again: Path | None, given: dict[str, A
             raise click.UsageError("Missing option '--out'.")
         return
     if files:
-        raise click.UsageError("--again takes no FILES: it reads what the scan of the scene has kept.")
+        raise click.UsageError("--again takes no FILES: it reads the stored results of the scene's scan.")
     for name in OF_CLOUDS:
         if given[name]:
             raise click.UsageError(f"--again draws the base only: --{name} needs a new scan of the clouds.")

@@ -180,7 +180,7 @@ def notes(found: Mapping[float, _Section | None]) -> Iterator[str]:
         azimuth: cut.offset_m for azimuth, cut in found.items() if cut is not None and cut.offset_m
     }:
         listed = ", ".join(f"{azimuth:g} degrees ({offset_m:.2g} m)" for azimuth, offset_m in offset.items())
-        yield f"outermost contact points are brought into the section from beside it along {listed}"
+        yield f"outermost contact points outside the section are projected into it along {listed}"
 
 
 def reference_lines(simulated: pd.DataFrame) -> pd.DataFrame:

@@ -232,7 +232,7 @@ def few_records(records: int) -> str:
     if records < LEAST_RECORDS:
         return (
             f"{records} {'record is' if records == 1 else 'records are'} too few: fewer than {LEAST_RECORDS} give "
-            "no interval, and what other records would say is not known."
+            "no interval over records."
         )
     if records < _NARROW_RECORDS:
         return f"With {records} records, fewer than about {_NARROW_RECORDS}, the intervals are too narrow."
@@ -247,7 +247,7 @@ def fit_words(summary: pd.DataFrame, known: pd.DataFrame) -> str:
     """
     curves = summary[(summary["link"] == "probit") & summary["measures"].isin(COMPARED)]
     if curves.empty:
-        return "no measure is known of every job: there is no fit"
+        return "no measure is known for every job: there is no fit"
     table = fit_table(curves.reset_index(drop=True), known)
     columns = [name for name in table if name not in ("samples", "without fit")]
     paragraphs = [table[columns].to_string(index=False), few_records(known["record_id"].nunique())]

@@ -305,7 +305,7 @@ def _split_of(report: Mapping[str, Any]) -> list[str]:
     return [
         f"split: {_percent(sure['concave_share_of_cut'])} of the cut lies in creases,",
         f"  crevice seen in {_percent(sure['crevice_seen_share'])} of the directions,",
-        f"  {_percent(sure['undisputed_share'], 1)} of the points beside it undisputed,",
+        f"  {_percent(sure['undisputed_share'], 1)} of the points near it undisputed,",
         f"  highest other candidate {_percent(sure['runner_up'])} of the rock's height"
         if fitted
         else "  no other candidate looked for, as the interface is given",
@@ -320,7 +320,7 @@ def _fit_of(registration: Mapping[str, Any]) -> str:
     """Line on the residual of the stations' registration, if they overlap."""
     stations, residual = registration["stations"], registration["residual_m"]
     if residual is None:
-        return f"{stations} stations show no common places: how well they fit each other cannot be told"
+        return f"{stations} stations do not overlap: the residual of their registration is unknown"
     residuals = [fit["residual_m"] for fit in registration.get("of_stations", [])]
     alone = [value for value in residuals if value is not None]
     compared = f"{len(alone)} of {stations}" if alone and len(alone) < stations else f"{stations}"

@@ -231,7 +231,7 @@ def scenarios_figure(rows: pd.DataFrame, matrix: pd.DataFrame) -> Figure:
         texts = ["none" if np.isnan(share) else f"{100 * share:.0f} %" for share in fractions]
         names = [f"{name} {words}" for (name, _), words in zip(placed, texts, strict=True)]
         _name_points(below, points, names)
-        below.set_title("share of scenarios that topple each rock as they are")
+        below.set_title("fraction of unscaled scenarios that topple each rock")
     return figure
 
 

@@ -287,7 +287,7 @@ def _read_ages(path: Path) -> tuple[Array, Array]:
     years = values[:, 0] * unit
     weights = values[:, 1] if len(names) > 1 else np.ones(len(values))
     if not (len(values) and np.isfinite(values).all() and (years > 0).all()):
-        raise _file_error("age.not_positive", "there is none, or one that is not above zero", path)
+        raise _file_error("age.not_positive", "there is no age, or one that is not above zero", path)
     if not ((weights >= 0).all() and weights.sum() > 0):
         raise _file_error("age.weights_unusable", "no weight is above zero, or one is negative", path)
     return years, weights

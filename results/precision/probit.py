@@ -247,9 +247,11 @@ class Departure:
     @property
     def words(self) -> str:
         """Clause for the statement."""
-        comparison = f"{100 * self.observed:.0f} % of {self.jobs} jobs topple where it says {100 * self.expected:.0f} %"
+        comparison = (
+            f"{100 * self.observed:.0f} % of {self.jobs} jobs topple, predicted {100 * self.expected:.0f} %"
+        )
         p = f"p = {self.p_value:.1g}" if self.p_value >= _LEAST_P else f"p below {_LEAST_P:g}"
-        return f"the curve is no lognormal: {comparison} ({p})"
+        return f"the curve is not lognormal: {comparison} ({p})"
 
 
 def _p_value(curve: Curve, answers: Answers) -> float:

@@ -127,7 +127,7 @@ def test_of_stations_without_a_common_place_nothing_is_said_to_fit(cloud):
     _, told = register(Cloud(points, cloud.origin_m, cloud.station[kept], files))
     assert told["residual_m"] is None
     said = numbers_of(dataclasses.replace(Scene.block(0.2, 0.3, 0.6), report={"registration": told}))
-    assert "2 stations show no common places: how well they fit each other cannot be told" in said
+    assert "2 stations do not overlap: the residual of their registration is unknown" in said
 
 
 def test_a_station_that_is_brought_back_is_taken(cloud):

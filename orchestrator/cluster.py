@@ -258,6 +258,8 @@ def _queue_cluster(kind: str, secrets: str, asked: Mapping[str, Any]) -> Any:
     chosen = {VARIABLE: "1"} | {name: os.environ.get(name) for name in KERNEL_VARIABLES}
     exports = [f"export {name}={shlex.quote(value)}" for name, value in chosen.items() if value]
     prologue = [line for name in ("env-extra", "job-script-prologue") for line in configured.get(name) or []]
+    if configured.get("env-extra"):  # else dask-jobqueue warns that it ignores these lines
+        dask.config.set({f"jobqueue.{kind}.env-extra": None})
     try:
         with signals_blocked():  # shields the commands that submit and cancel batch jobs
             named = {name.lower(): name for name in vars(jobqueue)}

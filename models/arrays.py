@@ -11,6 +11,7 @@ Indices = NDArray[np.int64]
 
 _Kind = TypeVar("_Kind", bound=np.generic)
 _MOST_COUNTED = 1_000_000
+"""Maximum size of a table of counts, apart from four times the number of keys."""
 
 
 def bounds_of(rows: Array) -> Array:

@@ -58,6 +58,7 @@ _PARTS = re.compile(
 )
 _LETTERS = {"longitude": "EW", "latitude": "NS"}
 _LONGEST = 40
+"""Maximum number of characters of a coordinate that are parsed."""
 
 
 def degrees_of(text: str, axis: str) -> float | None:

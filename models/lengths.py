@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from toppling.models.errors import InputError
 
 US_FOOT_M = 1200.0 / 3937.0
+"""US survey foot, m (exact definition)."""
 _UNITS = {
     "m": (1.0, "metres"),
     "mm": (1e-3, "millimetres"),

@@ -18,6 +18,7 @@ from toppling.models.files.given import open_given
 
 LOG_FILE = "run.log"
 _TAIL_BYTES = 65_536
+"""Size of the end of a log that is searched for an event, bytes."""
 _CHECKSUM = b', "crc32": "'
 
 log = logging.getLogger(__name__)

@@ -1,4 +1,4 @@
-"""A few jobs shaken beforehand: from which level on a rock topples, and what a job costs."""
+"""Trial jobs in advance: the levels at which a rock topples, and the cost of a job."""
 
 import math
 import time
@@ -14,20 +14,20 @@ from toppling.workers.job import Assets, JobSpec, run_job
 from toppling.workers.seating import settled
 
 _AZIMUTH_STEP_DEG = 10
+"""Step of azimuths at which statics are evaluated, degrees."""
 RECORDS = 10
-"""Enough to see where most topple, few enough to wait for."""
-
-_MOST_SHARE = 0.8
+"""Number of trial records: enough for an estimate, few enough to wait for."""
+_MOST_FRACTION = 0.8
+"""Fraction of the trial records that must topple the rock before trials end."""
 _GROWTH = 1.35
-"""Ratio of a level to the one below."""
-
+"""Ratio of successive trial levels."""
 _HIGHEST_M_S2, _HIGHEST_OVER_LEAST = 20.0, 4.0
-"""Levels end at the first, twice gravity, or for a squat rock at so many times its least static acceleration."""
+"""Maximum trial level, m/s² (twice gravity), and for a squat rock in multiples of its least static acceleration."""
 
 
 @dataclass(frozen=True)
 class Statics:
-    """The least constant ground acceleration that topples a rock as it stands, and the azimuth of it."""
+    """Least constant ground acceleration that topples a settled rock, with its azimuth."""
 
     least_m_s2: float
     azimuth_deg: float
@@ -35,27 +35,27 @@ class Statics:
 
 @dataclass(frozen=True)
 class Pilot:
-    """What a few jobs tell."""
+    """Results of trial jobs."""
 
-    # For each record the least level tried at which it toppled the rock; infinite where none did.
+    # Lowest trial level at which each record toppled the rock; infinite where none did.
     topples_at_m_s2: tuple[float, ...]
-    highest_m_s2: float  # highest level tried
-    job_s: float  # what a job of the whole ensemble is expected to cost on one core
+    highest_m_s2: float  # highest trial level
+    job_s: float  # expected cost of a job of the whole ensemble on one core
 
     @property
     def toppled(self) -> int:
-        """Records that toppled the rock."""
+        """Number of records that toppled the rock."""
         return sum(map(math.isfinite, self.topples_at_m_s2))
 
     @property
     def most_at_m_s2(self) -> float:
-        """Level at which most records had toppled it, or the highest that was tried."""
-        wanted = math.ceil(_MOST_SHARE * len(self.topples_at_m_s2))
+        """Level at which most records had toppled it, or the highest trial level."""
+        wanted = math.ceil(_MOST_FRACTION * len(self.topples_at_m_s2))
         return min(sorted(self.topples_at_m_s2)[wanted - 1], self.highest_m_s2)
 
 
 def statics_of(scene: Scene) -> Statics:
-    """Statics of the rock as it stands once it has settled; infinite where nothing topples it."""
+    """Statics of the settled rock; infinite where no constant acceleration topples it."""
     stands = settled(scene)
     azimuths = range(0, 360, _AZIMUTH_STEP_DEG)
     found = stands.quasi_static_toppling_m_s2(azimuths)
@@ -64,7 +64,7 @@ def statics_of(scene: Scene) -> Statics:
 
 
 def spread_records(ensemble: Ensemble, count: int) -> list[str]:
-    """So many records, evenly over the ranks of PGV/PGA: from the shortest pulses to the longest."""
+    """Select `count` records, evenly spaced in the ranks of PGV/PGA, from short to long pulses."""
     table = ensemble.catalog.sort_by([("pgv_pga_s", "ascending"), ("record_id", "ascending")])
     ids = table["record_id"].to_pylist()
     count = min(count, len(ids))
@@ -72,7 +72,7 @@ def spread_records(ensemble: Ensemble, count: int) -> list[str]:
 
 
 def levels_to_try(least_m_s2: float) -> list[float]:
-    """Levels from the least static acceleration up."""
+    """Trial levels, from above the least static acceleration to the maximum."""
     highest = max(_HIGHEST_M_S2, _HIGHEST_OVER_LEAST * least_m_s2)
     count = int(math.log(highest / least_m_s2) / math.log(_GROWTH))
     return [*(least_m_s2 * _GROWTH**step for step in range(1, count + 1)), highest]
@@ -87,10 +87,10 @@ def try_out(
     preset: str,
     advance: Callable[[], object] = lambda: None,
 ) -> Pilot:
-    """Shake a few records harder and harder until most of them topple the rock.
+    """Shake a rock with a few records at increasing levels until most of them topple it.
 
-    least_m_s2: level below the first one.
-    azimuths_deg: each record has one of them.
+    least_m_s2: level below the first trial level.
+    azimuths_deg: azimuths, one per record in turn.
     friction: static and kinetic.
     advance: called after each job.
     """
@@ -108,7 +108,7 @@ def try_out(
         spec = JobSpec(scene.id, record, sha, level_m_s2, azimuth_deg, *friction, 0.0, 0, preset)
         return run_job(spec, assets)["toppled"] is True
 
-    topples(0, records[0], least_m_s2)  # pays for what is computed once
+    topples(0, records[0], least_m_s2)  # includes computations done once
     for level in levels_to_try(least_m_s2):
         for number, record in enumerate(records):
             if topples_at[record] < math.inf:
@@ -120,7 +120,7 @@ def try_out(
             motion_s += duration[record]
             jobs += 1
             advance()
-        if sum(map(math.isfinite, topples_at.values())) >= _MOST_SHARE * len(records):
+        if sum(map(math.isfinite, topples_at.values())) >= _MOST_FRACTION * len(records):
             break
     mean_s = float(np.mean([*duration.values()]))
     return Pilot(

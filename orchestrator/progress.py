@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from toppling.orchestrator.context import ProgressCallback, RunProgress
 
 _FIRST_LINE_S, _LINE_EVERY_S = 10.0, 60.0
+"""Time before the first line in a log, and interval between lines, s."""
 
 _Item = TypeVar("_Item")
 

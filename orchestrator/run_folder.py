@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from toppling.orchestrator.plan import Plan
 
 SCHEMA_VERSION = 1
+"""Version of the layout of `run.json`."""
 
 _ASKED = ("audit", "precision", "target")
 """Keys of a campaign that affect the number of jobs done but not the jobs: a run may be resumed with other values."""

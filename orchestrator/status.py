@@ -19,6 +19,7 @@ from toppling.results.weights import CONTACT, WEIGHTS_FILE, Weights, are_due, se
 
 _WINDOW = timedelta(minutes=1)
 REASONS_SHOWN = 10
+"""Maximum number of reasons of failures that are reported."""
 _COLUMNS = ["job_id", "record_id", "status", "toppled", "message", "attempt", "finished_at"]
 
 

@@ -14,6 +14,7 @@ from toppling.models.motions.catalogue import meaning
 from toppling.models.motions.measures import MEASURES
 
 SCHEMA_VERSION = 2
+"""Version of the schema of results."""
 
 TOPPLED_OUTCOMES = ("toppled", "lodged")
 """Values of `outcome` of a rock that toppled."""

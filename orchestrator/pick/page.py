@@ -118,6 +118,7 @@ _MANY = {"point": 3, "outline": 3, "touch": 3, "daylight": 3, "pull": 2}
 _WORDS = {"units": tuple(METRES), "up": (), "base": KINDS}
 """Allowed words of each hint; the upward axis is checked by its parser."""
 _LONGEST_WORD = 100
+"""Maximum number of characters of a word."""
 
 
 def _word(value: Any, among: tuple[str, ...], name: str) -> str:

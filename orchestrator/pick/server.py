@@ -18,6 +18,7 @@ from toppling.orchestrator.pick.picking import Picking
 LARGEST_BODY = 1 << 18
 """Largest request, bytes: hints of a thousand places take a fifth."""
 _LONGEST_STAGE_S = 60.0
+"""Maximum time to wait for the computation's current stage when closing, s."""
 _POLL_S = 20.0
 """Maximum time before a request for a new state is answered, s."""
 _SCRIPT, _STYLE, _BYTES, _JSON = "text/javascript", "text/css", "application/octet-stream", "application/json"

@@ -14,7 +14,9 @@ from toppling.orchestrator.verbs.shared_options import option
 
 _MARK = ".demo"
 _RECORDS = 24
+"""Number of synthetic records."""
 _SEED = 1
+"""Seed of the virtual scan and the records."""
 _CAMPAIGN = """\
 # As many levels and azimuths as the time allowed. The study has 140 records, 19 levels and 8 azimuths.
 scene = "scene"

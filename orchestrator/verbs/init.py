@@ -97,6 +97,7 @@ _BELOW_LEAST = 0.9
 """Maximum of the lowest level, as a fraction of the least static toppling acceleration."""
 
 _STEPS_M_S2 = (0.1, 0.2, 0.25, 0.5, 1.0, 2.0, 2.5, 5.0, 10.0)
+"""Round steps between levels, m/s²."""
 
 
 @dataclass(frozen=True)

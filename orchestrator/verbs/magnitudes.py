@@ -36,6 +36,7 @@ from toppling.results.hazard.places import check_place
 _STATED_CHANGE = 5e-4
 """Smallest change of a probability that is reported."""
 _PRINTED_DISTANCES_KM = (1, 2, 5, 10, 20, 50, 100)
+"""Distances whose largest allowed magnitudes are printed, km."""
 
 
 @click.command(cls=SiteCommand)

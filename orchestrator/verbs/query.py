@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _SHOWN_ROWS = 60
+"""Maximum number of printed rows."""
 
 
 @click.command()

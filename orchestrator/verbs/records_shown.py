@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 
 _MOST_NOTES = 20
+"""Maximum number of printed notes."""
 
 
 def import_json(ensemble: "Ensemble", outcome: "Import") -> None:

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from toppling.orchestrator.public.running import CarriedOut
 
 FAILED_JOBS = 3
+"""Exit code of a complete run with jobs without an answer."""
 _AGAIN = ("crashed", "timeout", "failed")
 """Statuses that may have a transient cause. Undecided and diverged jobs would have the same result again."""
 

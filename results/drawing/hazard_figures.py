@@ -228,6 +228,7 @@ _NAMED = 16
 """Maximum number of branches that are labelled by name."""
 
 _LEAST_SURVIVAL = 1e-4
+"""Lower end of the survival axis."""
 
 
 MOST_PANELS = 7

@@ -200,7 +200,9 @@ def thumbnail(scene: Scene, weakest_azimuth_deg: float | None) -> Figure:
 
 
 _MOST_LABELS = 60
+"""Maximum number of labelled rows and columns of the matrix."""
 _ROW_IN = 0.16
+"""Height of a labelled row, inches."""
 
 
 def scenarios_figure(rows: pd.DataFrame, matrix: pd.DataFrame) -> Figure:

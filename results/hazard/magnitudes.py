@@ -157,7 +157,7 @@ def effects(models: Sequence[GroundMotionModel], grid: MotionGrid) -> list[dict[
 def one_event(confidence: float, events: int = 1) -> Occurrence:
     """Occurrence of an earthquake a given number of times."""
     name = "one event" if events == 1 else f"{events} events"
-    return Occurrence(name, confidence, lambda one: (1.0 - one) ** events)
+    return Occurrence(name, confidence, lambda p: (1.0 - p) ** events)
 
 
 def recurring(confidence: float, years: Array, recurrence_years: float) -> Occurrence:
@@ -165,7 +165,7 @@ def recurring(confidence: float, years: Array, recurrence_years: float) -> Occur
     exposure = np.asarray(years, float) / recurrence_years
     table = logsumexp(-np.outer(_PROBABILITIES, exposure), axis=1) - math.log(len(exposure))
     name = f"one event every {recurrence_years:,.0f} years"
-    return Occurrence(name, confidence, lambda one: np.exp(np.interp(one, _PROBABILITIES, table)))
+    return Occurrence(name, confidence, lambda p: np.exp(np.interp(p, _PROBABILITIES, table)))
 
 
 def excess(grid: MotionGrid, fragility: Lognormal, occurrence: Occurrence) -> Array:

@@ -21,6 +21,7 @@ _WEIGHT_TOLERANCE = 1e-3
 """Maximum deviation of the sum of weights from 1: files print single precision, analysts three decimals."""
 
 FRACTILES = (0.05, 0.16, 0.5, 0.84, 0.95)
+"""Probabilities of the reported fractiles over branches."""
 
 
 @dataclass(frozen=True, eq=False)

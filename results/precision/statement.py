@@ -14,6 +14,7 @@ from toppling.results.run_integrity import check_plan_id
 from toppling.results.schema import SHORT_NAMES
 
 _SCHEMA_VERSION = 1
+"""Version of the statement's format."""
 
 
 def statement_of(rounds: Rounds, answered: int, records: int, contact: Mapping[str, float]) -> dict[str, Any]:

@@ -127,11 +127,12 @@ def _beginning(path: Path) -> HazardFile | None:
     try:
         with open_given(path, refused) as head:
             text = text_of(b"".join(head.readline(1_000_000) for _ in range(_MOST_HEAD_LINES)))
+        if text is None or text.startswith("\n") or "\0" in text:
+            return None
+        file = HazardFile(path, _text(path) if path.suffix in (".json", ".geojson") else text)
+        return file if file.kind != "text" or file.table else None
     except InputError:
         return None
-    if text is None or text.startswith("\n") or "\0" in text:
-        return None
-    return HazardFile(path, _text(path) if path.suffix in (".json", ".geojson") else text)
 
 
 def _other_output(file: HazardFile) -> tuple[str, str] | None:

@@ -7,7 +7,7 @@ import numpy as np
 
 from toppling.models.contact import ContactProperties
 from toppling.models.files.documents import listed
-from toppling.models.frames import compass_deg
+from toppling.models.frames import STANDARD_GRAVITY_M_S2, compass_deg
 from toppling.models.hidden_base.intervals import median_width
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.quality import LARGEST_FACTOR, LARGEST_PGD_M, TOLD_PGV_M_S, is_beyond, words
@@ -20,8 +20,6 @@ _LARGEST_FRICTION = 1.5
 """Friction coefficient of rock on rock above which a value is more likely an angle in degrees."""
 _G_AT_MOST = 1.5
 """Level below which all levels are more likely in g than in m/s²."""
-_G_M_S2 = 9.81
-"""Standard gravity, m/s²."""
 REALISATIONS = 25
 """Recommended number of realisations of a rock with drawn bases: the nominal base and enough others for a spread."""
 _MOST_NAMED = 5
@@ -137,7 +135,7 @@ def _of_statics(campaign: Campaign, statics: Statics, scene: Scene) -> list[str]
     if highest < min(least, _G_AT_MOST):
         return [  # the next warning would have the same cause
             f"all levels are below {_G_AT_MOST:g} m/s2: are they in g? "
-            f"{highest:g} g is {highest * _G_M_S2:.3g} m/s2"
+            f"{highest:g} g is {highest * STANDARD_GRAVITY_M_S2:.3g} m/s2"
         ]
     if highest <= least:
         found.append(

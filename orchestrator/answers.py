@@ -46,7 +46,7 @@ _ANSWER = (
 )  # fmt: skip
 """Columns that every completed shake fills."""
 
-_SAME = 1e-9
+SAME_NUMBER = 1e-9
 """Relative tolerance between numbers computed on two machines."""
 
 
@@ -86,11 +86,11 @@ class Asked:
                 found = _objects(answer[name].to_pylist())
                 yield name, (found != value) & ~(failed & (found == None))  # noqa: E711  (by element)
             else:
-                unlike = ~np.isclose(found, value, rtol=_SAME, atol=0.0)
+                unlike = ~np.isclose(found, value, rtol=SAME_NUMBER, atol=0.0)
                 yield name, unlike & ~np.isnan(value) & ~(failed & np.isnan(found))
         # A limit on displacement (high-pass) reduces the PGA of a motion.
         pga, level = _values(answer, "pga_m_s2"), self._plan.columns["pga_m_s2"][jobs]
-        yield "pga_m_s2", ~((pga > 0.0) & (pga <= level * (1.0 + _SAME))) & ~(failed & np.isnan(pga))
+        yield "pga_m_s2", ~((pga > 0.0) & (pga <= level * (1.0 + SAME_NUMBER))) & ~(failed & np.isnan(pga))
         yield from _contradictions(answer)
 
     def asked(self, jobs: Rows) -> dict[str, NDArray[Any]]:

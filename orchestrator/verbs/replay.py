@@ -12,6 +12,7 @@ from toppling.models.files.tables import read_table
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
+from toppling.orchestrator.answers import SAME_NUMBER
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.processor import processor
 from toppling.orchestrator.progress import bar, each
@@ -29,9 +30,6 @@ from toppling.workers.job import Assets, JobSpec, outcome_of, prepared
 from toppling.workers.outcome import ShakeResult
 from toppling.workers.seating import settled
 from toppling.workers.shake import shake
-
-_SAME = 1e-9
-"""Relative tolerance for equal numbers."""
 
 
 @click.command()
@@ -165,7 +163,7 @@ def _whence(kernels: str | None) -> str:
 
 def _difference(name: str, was: object, now: object) -> str:
     if isinstance(was, float) and isinstance(now, float):
-        same = math.isclose(was, now, rel_tol=_SAME, abs_tol=_SAME)
+        same = math.isclose(was, now, rel_tol=SAME_NUMBER, abs_tol=SAME_NUMBER)
     else:
         same = was == now
     return "" if same else f"{name} is {now}, but was {was} in the run"

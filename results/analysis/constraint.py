@@ -37,7 +37,7 @@ class Constraint:
 
     @cached_property
     def bound(self) -> pd.DataFrame | None:
-        """Annual rates inconsistent independently of any hazard model; None without ages."""
+        """Annual rates that are inconsistent with the rocks under any hazard model; None without ages."""
         if self.exposure is None:
             return None
         return _bound_table(self.rocks, self.exposure, self.confidence)
@@ -94,7 +94,7 @@ def _hazard(tree: HazardTree) -> dict[str, Any]:
 
 
 def _bound_table(rocks: Sequence[Standing], exposure: Exposure, confidence: float) -> pd.DataFrame:
-    """Annual rate of exceedance above which each intensity is inconsistent, for intensities that may topple a rock.
+    """Annual rate of exceedance above which an intensity is inconsistent with the rocks, where it may topple one.
 
     Returns DataFrame: the measure's column, topples (probability that an event topples any rock),
     inconsistent_annual_rate and its inverse inconsistent_return_years: shorter return periods are inconsistent.

@@ -11,7 +11,7 @@ from toppling.results.hazard.places import SITE_REACH_KM
 from toppling.results.hazard.update import RATES
 from toppling.results.weights import sentences
 
-_MOST_NAMED = 6
+MOST_NAMED = 6
 """Maximum number of branches that are listed individually."""
 
 LARGEST_FACTOR = 1e3
@@ -82,7 +82,7 @@ def _falls(statement: dict[str, Any]) -> list[str]:
     several = len({site for site, _ in groups}) > 1
     return [
         (f"At {site}: " if several else "") + line
-        for (site, measure), rows in list(groups.items())[:_MOST_NAMED]
+        for (site, measure), rows in list(groups.items())[:MOST_NAMED]
         if (line := _fall({**statement, "changes": rows, "measure": measure}))
     ]
 
@@ -290,9 +290,9 @@ def _branch_lines(statement: dict[str, Any]) -> list[str]:
     branches = sorted(statement.get("branches", ()), key=lambda branch: -branch["survival"])
     if not branches:
         return []
-    few = len(branches) <= _MOST_NAMED
+    few = len(branches) <= MOST_NAMED
     lines = []
-    for branch in branches if few else [*branches[: _MOST_NAMED - 1], branches[-1]]:
+    for branch in branches if few else [*branches[: MOST_NAMED - 1], branches[-1]]:
         verdict = "inconsistent" if branch["inconsistent"] else "consistent"
         weights = ""
         if len(branches) > 1 and branch["posterior_weight"] is not None:
@@ -305,7 +305,7 @@ def _branch_lines(statement: dict[str, Any]) -> list[str]:
             lines += [*_reserved(branch, statement), *_taken_at(branch)]
     if not few:
         lines.append(
-            f"  and {len(branches) - _MOST_NAMED} branches between the last two: in branches.csv (--out) and --json"
+            f"  and {len(branches) - MOST_NAMED} branches between the last two: in branches.csv (--out) and --json"
         )
         lines += _taken_at(branches[0])
     lost = max(sum(branch.get(name, 0.0) for name in _OUTSIDE) for branch in branches)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from toppling.models.arrays import Array
 from toppling.results.analysis.constraint import Constraint
-from toppling.results.drawing.constraint_words import ages_words
+from toppling.results.drawing.constraint_words import MOST_NAMED, ages_words
 from toppling.results.drawing.style import (
     COLOURS,
     FULL_WIDTH_IN,
@@ -31,12 +31,9 @@ _LEAST_RATE = 3e-7
 _LEAST_RANGE = 50.0
 """Minimum ratio of the ends of the drawn rates, so that at least one power of ten is labelled."""
 
-_MOST_IN_LEGEND = 6
-"""Maximum number of branches named in the legend."""
-
 
 def constraint_figure(constraint: Constraint, width_in: float = HALF_WIDTH_IN) -> Figure:
-    """Rates of exceedance inconsistent by the standing rocks, with the hazard curves and their verdicts in the legend.
+    """Rates of exceedance inconsistent with the standing rocks, with hazard curves and their verdicts in the legend.
 
     constraint: constraint with ages.
     """
@@ -45,7 +42,7 @@ def constraint_figure(constraint: Constraint, width_in: float = HALF_WIDTH_IN) -
     tree = constraint.update.tree if constraint.update else None
     branches = tree.branches if tree else ()
     measure, rate = bound.columns[0], bound["inconsistent_annual_rate"]
-    named = len(branches) <= _MOST_IN_LEGEND
+    named = len(branches) <= MOST_NAMED
     below_in = 0.45 + 0.16 * (1 + (len(branches) if named else 1))
     with style():
         figure, axes = _rates_axes(measure, width_in, below_in + 0.1, 0.12)

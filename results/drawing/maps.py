@@ -27,10 +27,7 @@ from toppling.results.analysis.fragility import (
     unplaced,
 )
 from toppling.results.drawing.roses import by_compass, direction_words
-from toppling.results.drawing.style import COLOURS, FULL_WIDTH_IN, HALF_WIDTH_IN, THIN_ALPHA, style
-
-_LINE_IN = 0.15
-"""Height of a line of text above or below all panels, inches."""
+from toppling.results.drawing.style import COLOURS, FULL_WIDTH_IN, HALF_WIDTH_IN, LINE_IN, THIN_ALPHA, style
 
 _PALE = f"Pale: fewer than {THIN_RECORDS} records."
 
@@ -55,10 +52,10 @@ def map_figure(jobs: pd.DataFrame, plane: Plane, title: str = "") -> Figure:
     table, records = cells(jobs, plane), records_on(jobs, plane)
     left_out = unplaced(jobs, plane), beyond(jobs, plane)
     caption = [_PALE, *_left_out(plane, *left_out)]
-    height = 3.0 + _LINE_IN * len(caption)
+    height = 3.0 + LINE_IN * len(caption)
     with style():
         figure = Figure(figsize=(HALF_WIDTH_IN, height))
-        margins = _margins(HALF_WIDTH_IN, height, below_in=_LINE_IN * len(caption))
+        margins = _margins(HALF_WIDTH_IN, height, below_in=LINE_IN * len(caption))
         axes = figure.subplots(gridspec_kw=margins)
         _frame_cells(axes, table, plane)
         _draw_cells(axes, table, plane)
@@ -94,11 +91,9 @@ def direction_figure(
     if width_in < FULL_WIDTH_IN:
         caption = [part for line in caption for part in wrap(line, _NARROW_LETTERS, break_on_hyphens=False)]
     with style():
-        height = 0.9 + 2.1 * lines + _LINE_IN * (len(caption) + bool(title))
+        height = 0.9 + 2.1 * lines + LINE_IN * (len(caption) + bool(title))
         figure = Figure(figsize=(width_in, height))
-        margins = _margins(
-            width_in, height, above_in=_LINE_IN * bool(title), below_in=_LINE_IN * len(caption)
-        )
+        margins = _margins(width_in, height, above_in=LINE_IN * bool(title), below_in=LINE_IN * len(caption))
         apart = {**margins, "wspace": 0.12, "hspace": 0.32}
         grid = figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False, gridspec_kw=apart)
         for axes, direction in zip(grid.flat, directions, strict=False):
@@ -106,7 +101,7 @@ def direction_figure(
         _close_grid(grid, len(directions))
         middle = 0.5 * (margins["left"] + margins["right"])
         figure.supxlabel(
-            _label(plane.x), x=middle, y=(_LINE_IN * len(caption) + 0.1) / height, size=8, va="bottom"
+            _label(plane.x), x=middle, y=(LINE_IN * len(caption) + 0.1) / height, size=8, va="bottom"
         )
         figure.supylabel(_label(plane.y), size=8)
         if title:

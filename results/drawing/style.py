@@ -35,8 +35,8 @@ CONTACT_COLOUR, CLIFF_COLOUR = "#0057b7", "#1a1a1a"
 ALARM_COLOUR = "#b3261e"
 """Colour of the point of no return; its lines are also dashed, so that colour alone carries no information."""
 
-_HEAD_LINE_IN = 0.15
-"""Height of a line of the remark above a figure, inches."""
+LINE_IN = 0.15
+"""Height of a line of text above or below a figure, inches."""
 
 LETTERS_PER_IN = 15.0
 """Number of characters per inch of such a line."""
@@ -102,9 +102,9 @@ def _headed(figure: Figure, remark: str) -> Bbox | None:
         return None
     width, height = figure.get_size_inches()
     lines = textwrap.wrap(f"Unfinished run: {remark}", int(LETTERS_PER_IN * width))
-    strip = _HEAD_LINE_IN * (len(lines) + 0.5)
+    strip = LINE_IN * (len(lines) + 0.5)
     figure.text(
-        0.5, 1.0 + 0.25 * _HEAD_LINE_IN / height, "\n".join(lines), ha="center", va="bottom", color=ALARM_COLOUR,
+        0.5, 1.0 + 0.25 * LINE_IN / height, "\n".join(lines), ha="center", va="bottom", color=ALARM_COLOUR,
         weight="bold", size=8,
     )  # fmt: skip
     return Bbox.from_bounds(0.0, 0.0, width, height + strip)

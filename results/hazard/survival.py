@@ -124,7 +124,7 @@ def survivals(rocks: Sequence[Standing], events: EventSet, exposure: Exposure) -
 def inconsistent_rate(
     rocks: Sequence[Standing], intensity: ArrayLike, exposure: Exposure, confidence: float = 0.95
 ) -> Array:
-    """Annual rate of exceedance above which an intensity is inconsistent, whatever the rest of the hazard curve.
+    """Annual rate of exceedance above which an intensity is inconsistent under any hazard curve.
 
     Fragility rises with intensity, so the toppling rate is at least F(x) lambda(x), and the rocks' survival
     at most exp(-F(x) lambda(x) T). The result is the rate at which that bound is 1 - confidence; infinite where

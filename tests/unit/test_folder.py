@@ -11,6 +11,8 @@ from refusals import refused
 from toppling.models.files.folder import named_beside, new_file, new_folder
 from toppling.models.files.tables import write_table
 from toppling.models.scene import Scene
+from toppling.orchestrator.status import state_of
+from toppling.orchestrator.verbs.watch import watching
 from toppling.results.reader import open_run
 
 
@@ -68,8 +70,9 @@ def test_what_is_given_for_a_run_is_named(given, said, tmp_path):
     Scene.block(0.2, 0.2, 0.6, friction=0.8).save(tmp_path / "scene")
     (tmp_path / "ensemble").mkdir()
     (tmp_path / "ensemble" / "catalog.parquet").write_bytes(b"")
-    with refused("run.absent", said):
-        open_run(tmp_path / given)
+    for use in (open_run, state_of, lambda place: watching(place, tmp_path)):
+        with refused("run.absent", said if use is open_run else ""):
+            use(tmp_path / given)
     if given != "scene":
         with refused("scene.absent", said):
             Scene.load(tmp_path / given)

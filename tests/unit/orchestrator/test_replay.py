@@ -196,9 +196,3 @@ def test_a_seismogram_that_was_processed_is_said_to_be(scene, tmp_path, word, to
     assert done.exit_code == 0, done.output
     assert ("A was uncorrected or drifting, and has been processed" in done.stderr) is told_so
     assert f"1 of 2 rows of {tmp_path / 'table.csv'} name files that were not given" in done.stderr
-
-
-def test_a_folder_without_seismograms_is_refused(scene, tmp_path):
-    (tmp_path / "odd.txt").write_text("no seismogram\n")
-    done = told("check", scene, tmp_path / "odd.txt")
-    assert done.exception.code == "record.none_found"

@@ -166,8 +166,3 @@ def test_the_shares_of_a_run_count_jobs_with_an_answer_by_level(planned, tmp_pat
     write_part(tmp_path / "run", [*answered, done[2]])
     (share,) = level_counts(tmp_path / "run")
     assert (share.level_m_s2, share.jobs, share.toppled) == (5.0, 2, 1)
-
-
-def test_what_is_no_run_is_refused(tmp_path):
-    with refused("run.absent"):
-        state_of(tmp_path)

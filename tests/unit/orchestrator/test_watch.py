@@ -13,14 +13,10 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 from browser import BROWSER, needs_browser
-from click.testing import CliRunner
-from refusals import refused
 from small_campaigns import planned_in
 
-from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
-from toppling.orchestrator.cli import cli
 from toppling.orchestrator.run_folder import prepare, session
 from toppling.orchestrator.task import lost_row, versions
 from toppling.orchestrator.verbs.watch import shown, watching
@@ -134,13 +130,6 @@ def test_a_browser_draws_the_map_and_runs_nothing_that_a_run_says(server, tmp_pa
     assert "&lt;img src=x" in done.stdout
     assert "owned</title>" not in done.stdout
     assert not [line for line in done.stderr.splitlines() if "CONSOLE" in line]
-
-
-def test_what_is_no_run_is_refused(tmp_path):
-    with refused("run.absent"):
-        watching(tmp_path, tmp_path)
-    done = CliRunner().invoke(cli, ["watch", str(tmp_path / "absent"), "--no-open"])
-    assert isinstance(done.exception, InputError)
 
 
 def test_a_run_that_vanishes_is_told_and_not_the_end(run, tmp_path):

@@ -84,14 +84,6 @@ def test_either_measure_alone_topples_as_its_own_curve_says(measure):
 
 
 @pytest.mark.parametrize("surface", SURFACES)
-def test_two_curves_of_many_earthquakes_give_their_joint_rate_to_an_eighth(surface):
-    """They do not tell which magnitudes they are of, and this makes the rate too high, never too low."""
-    quakes = seismicity()
-    found = rate_of(surface, joint_rate(*of_earthquakes(*quakes), SCATTER))
-    assert 0.98 < found / exact_rate(surface, *quakes) < 1.125
-
-
-@pytest.mark.parametrize("surface", SURFACES)
 def test_with_the_scatter_that_magnitudes_add_two_curves_give_the_joint_rate_to_a_hundredth(surface):
     """PGV given PGA varies with the magnitude too; two curves cannot tell by how much, a deaggregation can."""
     rate, mean_pga, sigma_pga, mean_pgv, sigma_pgv = quakes = seismicity()

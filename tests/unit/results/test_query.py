@@ -14,7 +14,6 @@ import toppling.results.queries
 import toppling.results.reader
 import toppling.results.store
 from toppling.models.errors import InputError
-from toppling.models.files.digest import write_sealed
 from toppling.models.files.tables import write_table
 from toppling.models.scene import Scene
 from toppling.orchestrator.cli import cli
@@ -195,25 +194,6 @@ def test_the_query_may_stand_before_the_run_and_no_rows_are_told_as_such(run_fol
     two = CliRunner().invoke(cli, ["query", str(run_folder), "select 1 a", "select 2 b"])
     assert two.exit_code == 2
     assert "these are several queries" in two.output
-
-
-@pytest.mark.parametrize(
-    "name", ["ensemble/catalog.parquet", "scene/scene.json", "results.parquet", "jobs.parquet"]
-)
-def test_a_damaged_file_of_a_run_is_named(run_folder, name):
-    ids = [*open_run(run_folder).table()["job_id"].to_pylist(), *(f"{number:024x}" for number in range(2000))]
-    jobs = pa.table({"job_id": ids})
-    write_table(jobs, run_folder / "jobs.parquet")
-    write_sealed("", run_folder / "campaign.toml")
-    compact(run_folder)
-    victim = run_folder / name
-    content = bytearray(victim.read_bytes())
-    for at in range(60, 160):
-        content[at] ^= 0x5A
-    victim.write_bytes(content)
-    verb = ["replay", str(run_folder), "0"] if name == "jobs.parquet" else ["report", str(run_folder)]
-    done = CliRunner().invoke(cli, verb)
-    assert (done.exception.code, done.exception.where) == ("file.damaged", str(victim))
 
 
 @pytest.fixture

@@ -13,8 +13,8 @@ from toppling.models.errors import InputError
 from toppling.models.hidden_base.gap import GapDraw, Relief, flat_log_likelihood, side_raised, weights
 from toppling.models.hidden_base.observed import LEVEL_PER_WIDTH, ROUGH_LENGTH_PER_WIDTH, HiddenPart
 from toppling.models.hidden_base.underside import Base
+from toppling.models.proportions import effective_number
 from toppling.models.scan.hints_file import FLAT, KINDS, ROUGH, ROUNDED
-from toppling.models.shares import effective_number
 
 BEFORE = {FLAT: 0.2, ROUGH: 0.4, ROUNDED: 0.4}
 """How likely each kind is before anything was seen."""

@@ -37,11 +37,11 @@ from toppling.models.hidden_base.statics import (
     outside_feet,
 )
 from toppling.models.hidden_base.underside import Base, Underside
+from toppling.models.proportions import effective_number
 from toppling.models.rock import Rock
 from toppling.models.scan.hints_file import FLAT, KINDS, ROUGH, ROUNDED
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.measure import ObservedRock
-from toppling.models.shares import effective_number
 
 DRAWS = 48
 """Kept in the scene."""

@@ -21,7 +21,7 @@ from scipy.spatial.distance import cdist
 
 from toppling.models.arrays import Array, Flags, Indices
 from toppling.models.hidden_base.near_interface import SIDE_TANGENT
-from toppling.models.shares import effective_number
+from toppling.models.proportions import effective_number
 
 _JITTER = 1e-6
 """Of the variance, added to the diagonal of a covariance so that it can be inverted."""

@@ -18,8 +18,8 @@ import numpy as np
 
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
+from toppling.models.proportions import jeffreys_mean
 from toppling.models.scene import Scene
-from toppling.models.shares import jeffreys_mean
 from toppling.orchestrator import recorded as stood
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.context import ProgressCallback, RunProgress, Work

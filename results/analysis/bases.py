@@ -16,7 +16,7 @@ from scipy.special import log_ndtr, logsumexp, ndtri
 
 from toppling.models.arrays import Array, Flags, Indices
 from toppling.models.hidden_base.intervals import inspection_told
-from toppling.models.shares import effective_number
+from toppling.models.proportions import effective_number
 from toppling.results.weights import records_weight
 
 _CORRELATION = (np.arange(40) + 0.5) ** 2 / 40.0**2

@@ -11,7 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from toppling.models.arrays import Array
-from toppling.models.shares import effective_number
+from toppling.models.proportions import effective_number
 from toppling.results.hazard.ages import Exposure
 from toppling.results.hazard.curves import (
     HazardCurve,

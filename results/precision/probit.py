@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.special import fdtrc, log_ndtr, ndtr, stdtrit
 
 from toppling.models.arrays import Array
-from toppling.models.shares import effective_number
+from toppling.models.proportions import effective_number
 from toppling.results.analysis.bases import bases_of
 from toppling.results.analysis.lognormal import LOG_ROOT_2_PI, probit_weights
 

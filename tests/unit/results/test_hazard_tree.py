@@ -7,7 +7,7 @@ import pytest
 from hazard_samples import LEVELS, PLACES, RATE_AT_1, WEIGHTS, branch_poes, logic_tree
 from refusals import refused
 
-from toppling.models.shares import effective_number
+from toppling.models.proportions import effective_number
 from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.hazard.ages import exposure, joint_ages, parse_age
 from toppling.results.hazard.curves import HazardCurve, curve_of, probability_of

@@ -7,7 +7,7 @@ from toppling.models.errors import InputError
 from toppling.models.hidden_base.evidence import check_spanned, conditioned, pulls_log_likelihood
 from toppling.models.hidden_base.from_scan import DRAWS, ENOUGH, interval_of
 from toppling.models.hidden_base.gap import resampled
-from toppling.models.shares import effective_number
+from toppling.models.proportions import effective_number
 
 AZIMUTHS_DEG = np.arange(0.0, 360.0, 30.0)
 

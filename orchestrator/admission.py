@@ -18,7 +18,6 @@ from toppling.orchestrator.cluster_supervisor import ClusterSupervisor
 from toppling.orchestrator.context import RunError
 from toppling.orchestrator.delivery import NotDeliveredError, StorageError, send
 from toppling.orchestrator.leaving import let_leave_in_order
-from toppling.orchestrator.local_workers import LocalWorkers
 from toppling.orchestrator.processor import unlike
 from toppling.orchestrator.task import RunKey, check
 
@@ -28,33 +27,9 @@ LOST = "the connection to the scheduler is lost"
 BACK_WITHIN_S = 120.0
 """Time within which a lost external scheduler may be restarted, s."""
 
-CLOSED = "--no-dashboard --dashboard-address 127.0.0.1:0"
-"""Options of a Dask worker without dashboard, which has no authentication."""
-
 _UNREACHABLE = (errno.EHOSTUNREACH, errno.ENETUNREACH, errno.ENETDOWN, errno.EHOSTDOWN, errno.EADDRNOTAVAIL)
 _LOOK_S, _WAIT_S, _WARN_AFTER_S = 0.1, 1.0, 60.0
 """Times, s: between looks for a first worker, between attempts at a check, and without workers before a warning."""
-
-
-class Absence:
-    """Logs a warning when a cluster has had no worker for a minute."""
-
-    def __init__(self, client: Client) -> None:
-        self._client, self._since, self._said = client, time.monotonic(), False
-
-    def look(self) -> None:
-        """Check for workers."""
-        if self._client.nthreads():
-            self._since, self._said = time.monotonic(), False
-        elif not self._said and time.monotonic() - self._since >= _WARN_AFTER_S:
-            self._said = True
-            address = getattr(self._client.scheduler, "address", "the scheduler")
-            remedy = f"start some with 'dask worker {address} --nthreads 1 {CLOSED}'"
-            if isinstance(self._client.cluster, LocalWorkers):
-                remedy = "they may still compile; run.log has the reason of each death"
-            elif self._client.cluster is not None:
-                remedy = "look at the queue of the batch system and at the logs of its jobs"
-            log.warning("no worker has joined for %g s at %s: %s", _WARN_AFTER_S, address, remedy)
 
 
 def may_be_lost(error: BaseException) -> bool:
@@ -154,10 +129,9 @@ def deliver(client: Client, lacking: Iterable[NotDeliveredError], run_keys: Iter
 
 def _wait_for_a_worker(client: Client) -> None:
     """Wait for the first worker, without limit where an external system starts it."""
-    absence, supervisor = Absence(client), ClusterSupervisor(client)
+    supervisor = ClusterSupervisor(client)
     while not client.nthreads():
         with suppress(TimeoutError):
             client.wait_for_workers(1, timeout=_WAIT_S)
             return
-        absence.look()
         supervisor.look(0.0, 0)

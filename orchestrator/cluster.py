@@ -16,8 +16,8 @@ from distributed.security import Security
 
 from toppling.models.compiled import FOLDER
 from toppling.models.errors import InputError, UsageError
-from toppling.orchestrator.admission import BACK_WITHIN_S, CLOSED
-from toppling.orchestrator.cluster_supervisor import let_resize
+from toppling.orchestrator.admission import BACK_WITHIN_S
+from toppling.orchestrator.cluster_supervisor import CLOSED, let_resize
 from toppling.orchestrator.interrupt import Uninterrupted, signals_blocked
 from toppling.orchestrator.local_workers import LocalWorkers
 from toppling.orchestrator.processor import KERNEL_VARIABLES

@@ -23,7 +23,6 @@ class DaskCluster(ClusterSupervisor):
 
     def __init__(self, client: Client) -> None:
         super().__init__(client)
-        self._absence = admission.Absence(client)
         self._futures: dict[str, Future] = {}
         self._answers: queue.SimpleQueue[Answer] = queue.SimpleQueue()
 
@@ -80,8 +79,7 @@ class DaskCluster(ClusterSupervisor):
         return answer
 
     def threads(self) -> int:
-        """Number of threads of all workers; warns if there have been none for long."""
-        self._absence.look()
+        """Number of threads of all workers."""
         return sum(self._client.nthreads().values())
 
     def processing(self) -> set[tuple[str, str]]:

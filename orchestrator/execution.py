@@ -44,7 +44,7 @@ _LOOK_S = 2.0
 """Interval between checks of the number of threads and of overdue batches, s."""
 _FLUSH_S = (5.0, 60.0)
 """Minimum and maximum interval between part files, s; it grows during the run, so that a weekend makes few thousand."""
-ROUNDS = 3
+_ROUNDS = 3
 """Maximum number of passes over the plan; more than one is needed only if stored rows were lost."""
 Task = Callable[[RunKey, Mapping[str, Any], pa.Table, float], pa.Table]
 """Function of a worker that does the jobs of a batch within a time budget (`task.shake_batch`)."""
@@ -60,14 +60,19 @@ def room_for(jobs: int, spent_s: float, budget_s: float) -> int:
     return math.ceil(2 * budget_s * jobs / max(spent_s, _LEAST_JOB_S * jobs))
 
 
-def work_off(selection: JobSelection, work: Work) -> None:
-    """Shake until every selected job has a row; RunError if the run cannot continue, or rows are lost repeatedly."""
+def work_off(selection: JobSelection, work: Work, merge: Callable[[], set[str]]) -> None:
+    """Shake until every selected job has a row; RunError if the run cannot continue, or rows are lost repeatedly.
+
+    merge: merges the rows of a complete run, and returns the jobs that have one.
+    """
     progress, redo = work.progress, work.redo
     sent: set[int] = set()
     in_vain = 0
     while True:
         finished = finished_ids(work.folder, work.planned.ids, redo)
-        pending = selection.pending(finished)
+        if not len(pending := selection.pending(finished)):
+            finished = merge()
+            pending = selection.pending(finished)
         progress.total, progress.again = len(selection), len(redo.keys() - finished)
         if not len(pending):
             return
@@ -75,15 +80,10 @@ def work_off(selection: JobSelection, work: Work) -> None:
         if lost := len(sent.intersection(pending.tolist())):
             log.warning("%d rows were lost after they were stored", lost)
             in_vain += 1
-        if in_vain >= ROUNDS:
-            raise rows_lost(work)
+        if in_vain >= _ROUNDS:
+            raise RunError(f"rows are lost after they are stored: is the disk of {work.folder} sound?")
         sent |= set(pending.tolist())
         Execution(work, pending)()
-
-
-def rows_lost(work: Work) -> RunError:
-    """Error for stored rows that have disappeared."""
-    return RunError(f"rows are lost after they are stored: is the disk of {work.folder} sound?")
 
 
 class Execution:

@@ -89,7 +89,9 @@ def balanced_order(
     turn = random.permutation(records)[record]  # rank of the job's record
     group = turn * groups // records
     cell = _cells(random, turn, level, azimuth, scene, scenes)
-    rank = _rank_within(turn * scenes + scene, cell)
+    diagonals, rank = turn * scenes + scene, np.empty(len(cell), np.int64)
+    along = np.lexsort((cell, diagonals))
+    rank[along] = np.arange(len(cell)) - np.searchsorted(diagonals[along], diagonals[along])
     visit, within = np.divmod(rank, jobs)
     # Scenes are visited along a diagonal of their axes, whose values are shuffled.
     shuffled = np.ix_(*(np.argsort(random.permutation(size)) for size in sizes))
@@ -97,15 +99,6 @@ def balanced_order(
     # Each group of records is one scene ahead of the group before it.
     step = visit * scenes + (place - group) % scenes
     return np.lexsort((within, turn, group, step))
-
-
-def _rank_within(groups: _Codes, values: _Codes) -> NDArray[np.int64]:
-    """For each value its place, from 0, among those of its group."""
-    ordered = np.lexsort((values, groups))
-    first = np.r_[True, np.diff(groups[ordered]) != 0]
-    places, rank = np.arange(len(ordered)), np.empty(len(ordered), np.int64)
-    rank[ordered] = places - np.maximum.accumulate(np.where(first, places, 0))
-    return rank
 
 
 def realisations_spread(records: int, levels: int, azimuths: int, count: int) -> NDArray[np.int64]:

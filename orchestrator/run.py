@@ -14,7 +14,7 @@ from distributed import Client
 from toppling.orchestrator.admission import make_ready
 from toppling.orchestrator.context import JobSelection, ProgressCallback, RunProgress, Stage, Work
 from toppling.orchestrator.dispatch import USUAL_LIMITS, Limits
-from toppling.orchestrator.execution import ROUNDS, rows_lost, work_off
+from toppling.orchestrator.execution import work_off
 from toppling.orchestrator.journal import journal, log_event
 from toppling.orchestrator.leaving import leaving_in_order
 from toppling.orchestrator.plan import Plan
@@ -122,14 +122,7 @@ class _Session:
             progress.began = time.monotonic()  # a batch system may have kept it waiting for hours
             for stage in first:
                 stage.carry_out(work)
-            for _ in range(ROUNDS):
-                work_off(selection, work)
-                lost = selection.pending(self.merge())
-                if not len(lost):
-                    break
-                log.warning("%d rows were lost after they were stored", len(lost))
-            else:
-                raise rows_lost(work)
+            work_off(selection, work, self.merge)
             progress.ended = time.monotonic()
             for stage in last:
                 if stage.due(planned, folder):

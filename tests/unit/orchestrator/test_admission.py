@@ -11,7 +11,7 @@ import pyarrow as pa
 import pytest
 from distributed.comm import CommClosedError
 
-from toppling.orchestrator import admission, task
+from toppling.orchestrator import admission, cluster_supervisor, task
 from toppling.orchestrator.context import RunError
 from toppling.workers.job import JobSpec
 
@@ -126,13 +126,13 @@ def test_a_minute_without_workers_is_told_once_with_the_address_and_the_remedy(c
     client = SimpleNamespace(
         cluster=cluster, scheduler=SimpleNamespace(address="tcp://node1:8786"), nthreads=lambda: workers
     )
-    monkeypatch.setattr(admission.time, "monotonic", lambda: now[0])
-    absence = admission.Absence(client)
+    monkeypatch.setattr(cluster_supervisor.time, "monotonic", lambda: now[0])
+    supervisor = cluster_supervisor.ClusterSupervisor(client)
 
     def said(at_s):
         now[0] = at_s
         caplog.clear()
-        absence.look()
+        supervisor.look(0.0, 0)
         return caplog.text
 
     assert said(59.0) == ""

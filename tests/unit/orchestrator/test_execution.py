@@ -226,14 +226,18 @@ def test_parts_that_are_lost_are_done_again_and_if_that_goes_on_the_disk_is_blam
 
     monkeypatch.setattr(execution, "Execution", run)
     work = Work(one.plan, one.folder, (), None, lambda progress: None, RunProgress(24, 0, began=0.0))
+
+    def merge():
+        return finished_ids(one.folder, one.plan.ids)
+
     lose += [True]
-    work_off(one.plan, work)
+    work_off(one.plan, work, merge)
     assert statuses(one) == {"ok": 24}
     for part in result_files(one.folder):
         part.unlink()
     lose += [True] * 9
     with pytest.raises(RunError, match="rows are lost after they are stored"):
-        work_off(one.plan, work)
+        work_off(one.plan, work, merge)
 
 
 @settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])

@@ -200,13 +200,13 @@ def record() -> Walk:
 
 
 def points() -> Walk:
-    """From files of points to a scene on disk, without the half samples that tell its spread."""
+    """From files of points to a scene on disk."""
     from toppling.orchestrator.public.making import scan
 
     files = sorted((DEMO / "scan").glob("*.ply"))
     carried = of_kind(("Cloud", "Rock", "Interface", "Scene"), lambda one: is_array(one) and len(one) > MANY)
     with Walk(carried, "") as walk:
-        scan(files, Path(tempfile.mkdtemp()) / "scene", bootstrap=0)
+        scan(files, Path(tempfile.mkdtemp()) / "scene")
     return walk
 
 

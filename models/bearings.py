@@ -50,6 +50,21 @@ def azimuth_of(text: str) -> float:
     return azimuth
 
 
+def quadrant_of(azimuth_deg: float) -> str:
+    """An azimuth, degrees counter-clockwise from east, as a quadrant bearing to the degree, or as one of four winds.
+
+    Examples
+    --------
+    >>> [quadrant_of(azimuth) for azimuth in (50.0, 240.0, 135.0, 90.0, -0.2)]
+    ['N40E', 'S30W', 'N45W', 'N', 'E']
+    """
+    bearing = round(90.0 - azimuth_deg) % 360
+    if bearing % 90 == 0:
+        return WINDS[bearing // 90 * 4]
+    away = bearing if bearing < 90 else abs(180 - bearing) if bearing < 270 else 360 - bearing
+    return f"{'S' if 90 < bearing < 270 else 'N'}{away}{'E' if bearing < 180 else 'W'}"
+
+
 _PARTS = re.compile(
     r"(?P<before>[NSEW]?)\s*(?P<sign>[-+\u2212]?)\s*(?P<degrees>\d{1,3}(?:[.,]\d+)?)\s*(?:°|º|deg\.?|d)?"
     r"(?:[\s:]*(?<![\d.,])(?P<minutes>\d{1,2}(?:[.,]\d+)?)\s*(?:['\u2032\u2019m])?)?"

@@ -36,11 +36,6 @@ _INTERVAL = {"azimuth_deg": _AZIMUTH, "low_m_s2": _SPREAD, "median_m_s2": _SPREA
 _REPORT = {
     "surface?": {"seen_share": SHARE, "closed_share": SHARE, "invented_share": SHARE, "crown_unseen_share?": SHARE},
     "slenderness?": [{"azimuth_deg": _AZIMUTH, "alpha_deg": NUMBER.or_null()}],
-    "segmentation?": {
-        "confidence?": {
-            "concave_share_of_cut": SHARE, "crevice_seen_share": SHARE, "undisputed_share": SHARE, "runner_up": NUMBER,
-        },
-    },
     "registration?": {
         "residual_m?": _SPREAD.or_null(),
         "stations?": whole(0, 10_000_000),
@@ -49,8 +44,6 @@ _REPORT = {
     "uncertainty?": {
         "com_std_m?": [_SPREAD, 3],
         "volume_std_m3?": _SPREAD.or_null(),
-        "interface_normal_std_deg?": _SPREAD.or_null(),
-        "quasi_static_toppling_m_s2?": [{"azimuth_deg": _AZIMUTH, "std": _SPREAD.or_null()}],
     },
     "unseen_base?": {
         "level": SHARE,
@@ -62,6 +55,10 @@ _REPORT = {
         "kinds?": {f"{kind}?": {"weight": SHARE, "draws": whole(0, 1_000_000)} for kind in KINDS},
         "contacts?": {"reach": [{"low_m": NUMBER, "high_m": NUMBER}], "count": [whole(0, 1_000_000), 3]},
         "com_m?": [[NUMBER, 3], 3],
+        "touches_at_gaps?": [{"place": whole(1, 1_000_000), "gap_m": _SPREAD}],
+        "next_observations?": [
+            {"kind": one_of("look", "pull"), "from_deg": _AZIMUTH, "to_deg": between(0.0, 720.0), "width": _SPREAD},
+        ],
     },
 }  # fmt: skip
 _SHAPE: dict[str, Any] = {
@@ -76,7 +73,8 @@ _SHAPE: dict[str, Any] = {
     "interface": {
         "slope_deg": between(0.0, 180.0), "downhill_azimuth_deg": _AZIMUTH, "point_m": _PLACE,
         "normal": [between(-1.0, 1.0), 3], "given_by?": TEXT, "roughness_m?": _SPREAD.or_null(),
-        "outline_m?": [_PLACE], "edges_m?": [[_PLACE]], "carried?": TEXT, "beside?": TEXT,
+        "outline_m?": [_PLACE], "outlines?": [{"probability": SHARE, "outline_m": [_PLACE]}],
+        "edges_m?": [[_PLACE]], "carried?": TEXT, "beside?": TEXT,
     },
     "contact": {
         "friction_static": between(0.0, 1e6), "friction_kinetic": between(0.0, 1e6), "restitution": between(0.0, 1.0),

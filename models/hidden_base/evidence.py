@@ -121,8 +121,8 @@ what is hidden: set on known virtual rocks (benchmarks/scan_coverage.py), not de
 _PULL_STD_SHARE = float(np.hypot(0.05, OTHER_ERRORS_SHARE))
 """How well a pull or tilt test tells the ratio that a draw bears: 5 % of the force's direction, height and reading
 together, and what the draw itself is off by."""
-_ERROR_STDS = 2.0
-"""Standard deviations beyond which a measured ratio contradicts a base."""
+_SPANNED_STDS = 2.5
+"""Standard deviations beyond which a measured ratio contradicts all draws: of true ones one in 80."""
 _SPANNED_SHARE = 0.99
 """Of the draws' weight: the others were drawn, but next to none of them would be kept."""
 Pulls = Sequence[tuple[float, float]]
@@ -151,11 +151,6 @@ def conditioned(weight: Array, log_likelihood: Array, enough: float) -> Array:
     return np.asarray(weight * np.exp(power * log_likelihood))
 
 
-def fits(pulls: Pulls, ratios: Array) -> bool:
-    """Whether one base with ratios (pulls,) agrees with all that was measured."""
-    return bool((_misfits(pulls, np.asarray(ratios)[None]) <= _ERROR_STDS).all())
-
-
 def check_spanned(pulls: Pulls, ratios: Array, weight: Array) -> None:
     """Refuse a pull that no draw comes near.
 
@@ -164,7 +159,7 @@ def check_spanned(pulls: Pulls, ratios: Array, weight: Array) -> None:
     weight: (n,), of the draws, before anything was measured.
     Raises InputError if a ratio lies outside of what the draws span by more than its error.
     """
-    error = _ERROR_STDS * _PULL_STD_SHARE
+    error = _SPANNED_STDS * _PULL_STD_SHARE
     for (azimuth, ratio), drawn in zip(pulls, ratios.T, strict=True):
         low, high = _span(drawn, weight)
         if low < ratio * (1.0 + error) and high > ratio * (1.0 - error):

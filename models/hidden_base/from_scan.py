@@ -91,10 +91,12 @@ class DrawnBases:
         """The same of the acceleration at which contacts begin to open."""
         return None if self.lift_off_m_s2 is None else interval_of(self.lift_off_m_s2)
 
-    def apart(self, toppling_m_s2: Array) -> Array:
-        """Mean deviation (...) of accelerations (..., azimuths) from the draws' median, as logarithm of their ratio."""
-        middle = np.maximum(np.median(self.toppling_m_s2, axis=0), 1e-3)
-        return np.asarray(np.abs(np.log(np.maximum(toppling_m_s2, 1e-3) / middle)).mean(axis=-1))
+    @property
+    def likeliest(self) -> list[int]:
+        """Numbers of the draws, by the mean ratio of their accelerations to the draws' median, the nearest first."""
+        logs = np.log(np.maximum(self.toppling_m_s2, 1e-3))
+        away = np.abs(logs - np.median(logs, axis=0)).mean(axis=1)
+        return np.argsort(away, kind="stable").tolist()
 
     def com_interval_m(self) -> Array:
         """Low, median and high of each coordinate of the centre of mass, (3, 3).
@@ -109,11 +111,19 @@ class DrawnBases:
         return np.array([low, median, high]).T
 
 
-def interval_of(acceleration_m_s2: Array) -> tuple[Array, Array, Array]:
-    """Low, median and high of draws (n, azimuths), with what no draw shows."""
+def interval_of(acceleration_m_s2: Array, weight: Array | None = None) -> tuple[Array, Array, Array]:
+    """Low, median and high of draws (n, azimuths), with what no draw shows; (k, azimuths) for weights (k, n)."""
     tail = 0.5 * (1.0 - LEVEL)
-    median = np.median(acceleration_m_s2, axis=0)
-    low, high = np.quantile(acceleration_m_s2, [tail, 1.0 - tail], axis=0)
+    shares = np.array([tail, 0.5, 1.0 - tail])
+    if weight is None:
+        low, median, high = np.quantile(acceleration_m_s2, shares, axis=0)
+    else:
+        low, median, high = np.array(
+            [
+                np.quantile(acceleration_m_s2, shares, axis=0, weights=each, method="inverted_cdf")
+                for each in weight
+            ]
+        ).swapaxes(0, 1)
     # What the draws do not show is joined in quadrature, on each side.
     other = 1.645 * OTHER_ERRORS_SHARE * median
     low, high = median - np.hypot(median - low, other), median + np.hypot(high - median, other)

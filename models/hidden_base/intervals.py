@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from toppling.models.bearings import quadrant_of
 from toppling.models.frames import compass_deg
 
 FEW_DISTINCT = 10
 """Of fewer different draws an interval says little."""
 _LIFTS_EARLY = 0.1
 """Share of the toppling acceleration by which lift-off comes before it, so that both are told."""
+LOOK, PULL = "look", "pull"
+_GAIN = 0.9
+"""Of the present width: an observation that is expected to leave more narrows nothing."""
 _AS_IT_WAS = 0.05
 """Relative change of an interval's width that draws of other random numbers bring too."""
 
@@ -46,6 +50,13 @@ def base_sentences(report: Mapping[str, Any]) -> list[str]:
         sentences += _lift_off_told(table, opening)
     if "without_inspection" in found:
         sentences.append(inspection_told(table, found["without_inspection"]))
+    sentences += [
+        f"warning: a gap of {each['gap_m']:.2g} m was seen where place {each['place']} that is said to touch lies: the "
+        "bases touch there as said; check it"
+        for each in found.get("touches_at_gaps", [])
+    ]
+    if candidates := found.get("next_observations"):
+        sentences.append(_narrowing_told(candidates, median_width(table)))
     distinct = found.get("distinct", found["draws"])
     if distinct < FEW_DISTINCT:
         sentences.append(
@@ -58,6 +69,21 @@ def base_sentences(report: Mapping[str, Any]) -> list[str]:
             "nominal scene has a smooth base, while the rock stands on every drawn base with the centre drawn with it"
         )
     return sentences
+
+
+def _narrowing_told(found: Sequence[Mapping[str, Any]], now: float) -> str:
+    """Observations in words, the one that narrows most first, against the present width."""
+    said = []
+    for each in sorted(found, key=lambda each: each["width"]):
+        first, last = quadrant_of(each["from_deg"]), quadrant_of(each["to_deg"])
+        name = (
+            f"a pull toward {first}"
+            if each["kind"] == PULL
+            else f"whether it touches between {last} and {first}"
+        )
+        gain = f"to about {100 * each['width']:.0f} %" if each["width"] < _GAIN * now else "no gain"
+        said.append(f"{name}: {gain}")
+    return f"what would narrow the interval, now {100 * now:.0f} % of its median wide: {'; '.join(said)}"
 
 
 def median_width(table: list[dict[str, Any]]) -> float:

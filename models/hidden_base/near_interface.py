@@ -26,6 +26,7 @@ class NearInterface:
     height_m: float  # of the rock
     # (k, 3): places of the rim below sides that were seen higher up only, u, v, and their standard deviation.
     led_down: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    patches: Array = field(default_factory=lambda: np.zeros((0, 3)))  # (p, 3): the rock's surface all over
 
 
 def near_the_interface(rock: Array, pedestal: Array, height_m: float) -> tuple[Flags, Flags]:

@@ -29,7 +29,7 @@ _RIM_WINDOW, _RIM_RISES_PER_CELL = 13, 0.8
 _STD_PER_SPACING, _STD_PER_SPACING_AT_CONTACT = 0.19, 0.29
 """Of the gap below a steep side's lowest seen point, over the distance of that point's fourth neighbour; where the side
 may go down to the pedestal, it ends anywhere within a spacing."""
-_LEAST_STD_PER_SPACING = 0.05
+_LEAST_STD_PER_SPACING = 0.02
 """Of the gap below a level underside, which does not go on downward."""
 _SPACING_OVER = 15
 """Places of the rim over which the points' spacing is taken."""
@@ -38,9 +38,8 @@ _BESIDE_PER_HEIGHT, _BESIDE_PER_GAP = 0.01, 0.3
 _BELOW_GAPS, _BELOW_TO_GAPS, _BELOW_PER_HEIGHT = 1.2, 2.5, 0.006
 """A steep side that hangs may go on down: it ends where the pedestal was seen at least so many of its gaps farther in
 (looked for to so many gaps and twice this share of the height, this share to the sides)."""
-_STEEP, _HIGH = 0.7, 2.0
-"""Horizontal part of a side's normal from which it may go on down, as a level underside does not, and how many spacings
-of its points it hangs at least."""
+_STEEP = 0.7
+"""Horizontal part of a side's normal from which it may go on down, as a level underside does not."""
 _STRAY, _LEAST_RIM = 0.6, 8
 """Spacings off the plane of its neighbours from which a place of the rim is a stray, mostly of the pedestal or between
 it and the rock; left out, where so many others remain."""
@@ -50,6 +49,8 @@ _FLATTEST_RAY = 0.07
 """Tangent over the pedestal of the flattest ray (4 degrees) that lights it below a rock."""
 _NEIGHBOURS, _OF_SIDE = 5, 6
 """Points by which the pedestal, and a rock's side, are known at a place; the place's own point is one of them."""
+_SMOOTHED_OVER = 10
+"""Patches of a rock's side in whose plane each of them is taken."""
 _RIM_BORDER = 3.0
 """Cells from the hidden part's border: points there may be the pedestal beside the rock."""
 _LIT_CELLS = 2.0
@@ -60,7 +61,7 @@ _LENGTHS_PER_WIDTH = (0.25, 0.7, 2.0)
 """... and over what length."""
 _LONG_PER_WIDTH = 0.5
 """Of a longer correlation the base sees a part, so its deviation is raised in proportion."""
-_ROUGH_PER_WIDTH, ROUGH_LENGTH_PER_WIDTH = (0.0005, 0.003), 0.07
+_ROUGH_PER_WIDTH, ROUGH_LENGTH_PER_WIDTH = (0.0005, 0.003, 0.01), 0.07
 _CURVATURE_PER_SHAPE = 8.0
 """Curvature of the whole base, times its width, over the shape's deviation."""
 LEVEL_PER_WIDTH = 0.1
@@ -86,6 +87,8 @@ class HiddenPart:
     width_m: float  # root of the hidden area
     inner: int  # so many of the places, the first ones, lie on a square grid over the hidden area
     inspection: Inspection  # in the scene's frame; its places lie at the base
+    side_m: Array  # (s, 3): what was seen of the rock beside the hidden area, u, v and the gap
+    touched_gap_m: Array  # (k,): the gap that was seen where rock and pedestal are said to touch
 
     @property
     def cell_m2(self) -> float:
@@ -133,7 +136,8 @@ def hidden_part(
     places = np.vstack([inner, rim.places_m, inspected, *_along_edge(under, interface, stride * cell)])
     first = np.cumsum([len(inner), len(rim.gap_m), len(inspection.touching_m)])
     floor = np.zeros(len(places))
-    floor[: first[0]] = _least_gap(under).ravel()[grid.index(inner)]
+    least_gap = _least_gap(under).ravel()
+    floor[: first[0]] = least_gap[grid.index(inner)]
     if inspection.touch_only:
         floor = np.maximum(floor, _CLOSED_PER_HEIGHT * height_m)
     touching = np.arange(first[1], first[2])
@@ -150,7 +154,14 @@ def hidden_part(
         touching,
         under.beyond_m(places),
     )
-    return HiddenPart(under, observed, width_m, len(inner), inspection)
+    beside = near.patches[~under.may_be_hidden.ravel()[grid.index(near.patches)]]
+    beside[:, 2] = _gap_over(beside, lit, _BESIDE_PER_HEIGHT * height_m)[0]
+    side = _smoothed(beside)
+    touched = places[touching]
+    seen_m = np.maximum(
+        least_gap[grid.index(touched)], _gap_at_rim(rim, touched, _BESIDE_PER_HEIGHT * height_m)
+    )
+    return HiddenPart(under, observed, width_m, len(inner), inspection, side, seen_m)
 
 
 def _no_base(under: Underside, low: Array, lit: Array) -> InputError:
@@ -191,17 +202,13 @@ def _seen_rim(under: Underside, low: Array, lit: Array, height_m: float) -> Rim:
     """The rim as far as it was seen."""
     rim = _lowest_points(under, low)
     rim = rim[_spread(rim[:, :2], _MOST_RIM)]
-    gap, beside, shown = rim[:, 2], np.full(len(rim), np.inf), cKDTree(lit[:, :2])
-    if len(lit) >= _NEIGHBOURS:
-        away, nearest = shown.query(rim[:, :2], _NEIGHBOURS)
-        beside = away[:, 0]
-        gap = gap - np.where(beside[:, None] < _BESIDE_PER_HEIGHT * height_m, lit[nearest, 2], 0.0).mean(
-            axis=1
-        )
+    shown = cKDTree(lit[:, :2])
+    gap, beside = _gap_over(rim, lit, _BESIDE_PER_HEIGHT * height_m)
     hangs = np.maximum(gap, 0.0)
     to_its_end = beside < _BESIDE_PER_HEIGHT * height_m + _BESIDE_PER_GAP * hangs
     end_std, off_m, steep, stray = _errors(rim, hangs, low)
     to_its_end[steep] &= _shows_below(under, rim[steep, :2], hangs[steep], shown, height_m)
+    to_its_end |= ~steep  # a level underside that was seen is the underside there
     std = np.hypot(end_std, off_m)
     kept = ~stray if (~stray).sum() >= _LEAST_RIM else np.ones(len(rim), bool)
     shared = np.full(len(rim), np.sqrt((end_std[to_its_end] ** 2).mean()) if to_its_end.any() else 0.0)
@@ -214,6 +221,37 @@ def _seen_rim(under: Underside, low: Array, lit: Array, height_m: float) -> Rim:
         np.where(to_its_end, shared, half_unseen)[kept],
         to_its_end.astype(np.intp)[kept],
     )
+
+
+def _smoothed(places: Array) -> Array:
+    """Places (k, 3) of a surface in the planes of their neighbours: the hull of noisy ones bulges, and topples late."""
+    if len(places) < _SMOOTHED_OVER:
+        return places
+    around = places[cKDTree(places).query(places, _SMOOTHED_OVER)[1]]
+    middle = around.mean(axis=1)
+    normal = np.linalg.svd(around - middle[:, None], full_matrices=False)[2][:, 2]
+    return places - ((places - middle) * normal).sum(axis=1)[:, None] * normal
+
+
+def _gap_at_rim(rim: Rim, places: Array, reach_m: float) -> Array:
+    """The least gap (k,), but for its errors, that the rim shows at places (k, 2) within reach of it; 0 elsewhere."""
+    if not len(rim.gap_m) or not len(places):
+        return np.zeros(len(places))
+    away, nearest = cKDTree(rim.places_m).query(places)
+    least_m = rim.gap_m - 3.0 * np.hypot(rim.std_m, rim.shared_m)
+    return np.where(away < reach_m, np.maximum(least_m[nearest], 0.0), 0.0)
+
+
+def _gap_over(places: Array, lit: Array, reach_m: float) -> tuple[Array, Array]:
+    """Height (k,) of places (k, 3) over the pedestal where it shows within reach, else over the interface.
+
+    Second, how far (k,) it shows from each.
+    """
+    if len(lit) < _NEIGHBOURS or not len(places):
+        return places[:, 2], np.full(len(places), np.inf)
+    away, nearest = cKDTree(lit[:, :2]).query(places[:, :2], _NEIGHBOURS)
+    below = lit[nearest, 2].mean(axis=1)
+    return places[:, 2] - np.where(away[:, 0] < reach_m, below, 0.0), away[:, 0]
 
 
 def _shows_below(under: Underside, places: Array, hangs: Array, shown: cKDTree, height_m: float) -> Flags:
@@ -249,9 +287,10 @@ def _errors(rim: Array, hangs: Array, low: Array) -> tuple[Array, Array, Flags, 
     steepness = np.hypot(normal[:, 0], normal[:, 1])
     at_contact = np.clip(2.0 - hangs / spacing, 0.0, 1.0)
     of_side = _STD_PER_SPACING + (_STD_PER_SPACING_AT_CONTACT - _STD_PER_SPACING) * at_contact
-    end_std = np.hypot(of_side * steepness, _LEAST_STD_PER_SPACING) * spacing
+    steep = steepness > _STEEP
+    end_std = np.hypot(np.where(steep, of_side * steepness, 0.0), _LEAST_STD_PER_SPACING) * spacing
     off_m = np.abs(((rim - middle) * normal).sum(axis=1))
-    return end_std, off_m, (steepness > _STEEP) & (hangs > _HIGH * spacing), off_m > _STRAY * spacing
+    return end_std, off_m, steep, off_m > _STRAY * spacing
 
 
 def _outlined(under: Underside, height_m: float) -> Rim:

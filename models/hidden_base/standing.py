@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
-from scipy.spatial import ConvexHull, cKDTree
+from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from toppling.models.arrays import Array, Indices
 from toppling.models.frames import STANDARD_GRAVITY_M_S2
 from toppling.models.ground.body import GroundedBody
 from toppling.models.hidden_base.draws import BaseDraw, UnseenBase
-from toppling.models.hidden_base.evidence import OTHER_ERRORS_SHARE, Pulls, fits
+from toppling.models.hidden_base.evidence import OTHER_ERRORS_SHARE
 from toppling.models.hidden_base.from_scan import (
     AZIMUTHS_DEG,
     LEVEL,
@@ -24,8 +24,9 @@ from toppling.models.hidden_base.from_scan import (
 )
 from toppling.models.hidden_base.gap import encloses
 from toppling.models.hidden_base.inspection import Inspection
+from toppling.models.hidden_base.next_look import observations
 from toppling.models.hidden_base.observed import check_on_interface, hidden_part
-from toppling.models.hidden_base.statics import FRICTION, carried, hooked_m_s2
+from toppling.models.hidden_base.statics import FRICTION, carried, hooked_m_s2, on_plane
 from toppling.models.hidden_base.underside import LEAST_GAP_PER_HEIGHT, Base, Underside, hidden_base
 from toppling.models.kept import kept
 from toppling.models.pedestal import Pedestal
@@ -33,8 +34,8 @@ from toppling.models.rock import Rock
 from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.crevice import grid_triangles
 from toppling.models.scan.interface import Interface, between_nodes, lattice
-from toppling.models.scan.invented import bias_floors
-from toppling.models.scan.measure import ObservedRock, toppling
+from toppling.models.scan.invented import spread_of
+from toppling.models.scan.measure import ObservedRock
 from toppling.models.statics import equilibrium_possible
 
 _AROUND_LATTICES = 12.0
@@ -55,8 +56,7 @@ def _bases_on_surface(
     numbers = _base_vertices(rock, base, interface, height_m)
     places = [_moved(rock.vertices_m[numbers], drawn, gap.gap_m, interface) for gap in drawn.gaps]
     nominal = None
-    likeliest = np.argsort(drawn.apart(drawn.toppling_m_s2), kind="stable").tolist()
-    for number in [] if as_closed else likeliest:
+    for number in [] if as_closed else drawn.likeliest:
         vertices = rock.vertices_m.copy()
         vertices[numbers] = interface.scene(places[number])
         standing = Rock.from_triangles(vertices, rock.faces, where="closed rock")
@@ -107,153 +107,61 @@ def _surface_of(interface: Interface) -> Pedestal:
     )
 
 
-_SMOOTH_IS_LIKELY = 0.25
-"""Mean deviation of a smooth closing's toppling acceleration from the draws' median; with more the base bulges."""
-_NEARLY_ALL = 0.75
-"""Share of the azimuths at which the nominal scene topples within the interval."""
-_FLAT_MARGIN = 0.1
-"""Share of the median by which a smooth closing may exceed the interval, but for the least azimuths, where no hint says
-otherwise: on flat bases, to which it is true, the draws topple too easily."""
-
-
-def nominal_draw(
-    drawn: DrawnBases,
-    unseen: UnseenBase,
-    rock: Rock,
-    interface: Interface,
-    smooth_m_s2: Array,
-    smooth_fits: bool | None = None,
-    pulls: Pulls = (),
-) -> tuple[int | None, bool]:
-    """Draw on whose feet the scene stands, and whether the rock is at rest there; None for the smooth closing's feet.
-
-    The smooth closing is nearest to the truth of a flat base, whereas on one that bulges the rock stands too broadly:
-    it is taken where its toppling acceleration toward AZIMUTHS_DEG (`smooth_m_s2`) is one that the draws give too, the
-    least one included, and where it fits what was seen by inspection (`smooth_fits`; None where nothing was).
-    Otherwise the draw nearest to the draws' median is taken, of those on which the rock, with its own centre of mass,
-    topples within their interval; if there is none, the nearest one.
-    """
+def nominal_draw(drawn: DrawnBases, unseen: UnseenBase, rock: Rock, interface: Interface) -> int | None:
+    """Draw nearest to the draws' median on whose feet a rock with its own centre of mass rests; None if on none."""
     plane = Pedestal(interface.point_m, interface.normal)
     rock = carried(rock, interface)
-
-    def at_rest(standing: Rock) -> bool:
-        return bool(equilibrium_possible(standing, plane, STANDARD_GRAVITY_M_S2, FRICTION, np.zeros(3))[0])
-
-    if _is_likely(drawn, smooth_m_s2, smooth_fits) and smooth_fits is not False and at_rest(rock):
-        return None, True
-    second: int | None = None
-    for number in np.argsort(drawn.apart(drawn.toppling_m_s2), kind="stable").tolist():
+    for number in drawn.likeliest:
         standing = unseen.on_feet_of(rock, plane, number)
-        if not at_rest(standing):
-            continue
-        if within_interval(drawn, toppling(standing, interface, AZIMUTHS_DEG)) and fits(
-            pulls, _borne_ratios(standing, interface, pulls)
-        ):
-            return number, True
-        second = number if second is None else second
-    return second, second is not None
-
-
-def _is_likely(drawn: DrawnBases, smooth_m_s2: Array, agrees: bool | None) -> bool:
-    """Whether a smooth closing's toppling acceleration is one that the draws give too, as inspection tells of it."""
-    near = bool(drawn.apart(smooth_m_s2) < _SMOOTH_IS_LIKELY)
-    return near and within_interval(drawn, smooth_m_s2, _FLAT_MARGIN if agrees is None else 0.0)
-
-
-def within_interval(drawn: DrawnBases, toppling_m_s2: Array, margin: float = 0.0) -> bool:
-    """Whether toppling accelerations (azimuths,) lie within the draws' interval nearly everywhere.
-
-    At the azimuth at which least topples, of the draws and of what is asked, they must; elsewhere they may exceed it by
-    a margin, as share of the median.
-    """
-    low, median, high = drawn.interval_m_s2()
-    within = (low <= toppling_m_s2) & (toppling_m_s2 <= high)
-    nearly = (low <= toppling_m_s2) & (toppling_m_s2 <= high + margin * median)
-    least = [median.argmin(), toppling_m_s2.argmin()]
-    return bool(nearly.mean() >= _NEARLY_ALL and within[least].all())
-
-
-def _borne_ratios(rock: Rock, interface: Interface, pulls: Pulls) -> Array:
-    """Largest forces over the weight (pulls,) that a rock bears toward the azimuths of pulls."""
-    toward = np.array([(azimuth + 180.0) % 360.0 for azimuth, _ in pulls])
-    return toppling(rock, interface, toward) / STANDARD_GRAVITY_M_S2 if len(toward) else toward
-
-
-def smooth_fits_inspection(
-    rock: Rock, base: Base, interface: Interface, inspection: Inspection, height_m: float
-) -> bool:
-    """Whether a smooth closing touches where rock and pedestal do, is open where light passes, and bears the pulls."""
-    touch_m, open_m = (
-        base.grid.at(base.height_m, interface.over(places)[:, :2])
-        for places in (inspection.touching_m, inspection.open_m)
-    )
-    least_m = 0.5 * LEAST_GAP_PER_HEIGHT * height_m
-    return bool(
-        (touch_m < least_m).all()
-        and (open_m >= least_m).all()
-        and fits(inspection.pulls, _borne_ratios(rock, interface, inspection.pulls))
-    )
+        if equilibrium_possible(standing, plane, STANDARD_GRAVITY_M_S2, FRICTION, np.zeros(3))[0]:
+            return number
+    return None
 
 
 def base_unseen(
     observed: ObservedRock,
     interface: Interface,
     closed: ClosedRock,
-    core: float,
-    com_std_m: list[float] | None,
     inspection: Inspection,
     unaided: list[dict[str, float]] | None = None,
 ) -> tuple[Rock, UnseenBase, dict[str, Any]]:
     """Draw the base, and choose the draw on which the scene itself stands.
 
-    core: of the feet of the smooth closing.
-    com_std_m: spread of the centre of mass over half samples, if they were drawn.
     inspection, unaided: in the scene's frame, and the intervals without it, if they are known.
     Returns the rock as it was closed, over a surface with the base on which the scene stands; the draws; what they say.
     Raises InputError if the inspection's places are none of the base, no base bears a pull, or what was seen
     leaves no base on which the rock stands as it was scanned.
     """
-    smooth = hidden_base(observed.near(interface), core, observed.hint, interface=interface)
-    least = np.full(3, bias_floors(closed)["com_per_height"] * observed.height_m)
-    std_m = least if com_std_m is None else np.array(com_std_m)
-    central = toppling(closed.rock, interface, AZIMUTHS_DEG)
+    smooth = hidden_base(observed.near(interface), observed.hint, interface)
+    std_m = np.array(spread_of(closed)["com_std_m"])
     drawn = draw_bases(observed, interface, closed.rock, smooth, std_m, inspection)
-    report: dict[str, Any] = {"level": LEVEL, "smooth_closing_m_s2": central.tolist()} | intervals(
-        drawn, interface
-    )
+    report: dict[str, Any] = {"level": LEVEL} | intervals(drawn, interface)
+    report["next_observations"] = observations(drawn, interface)
+    seen_m = drawn.part.touched_gap_m
+    report["touches_at_gaps"] = [
+        {"place": int(k) + 1, "gap_m": float(seen_m[k])}
+        for k in np.flatnonzero(seen_m > LEAST_GAP_PER_HEIGHT * observed.height_m)
+    ]
     hooked = hooked_m_s2(closed.rock, interface, AZIMUTHS_DEG) * (1.0 + 1.645 * OTHER_ERRORS_SHARE)
     for row, most in zip(report["toppling"], hooked.tolist(), strict=True):
         row["high_m_s2"] = max(row["high_m_s2"], most)
     outlined = observed.hint is not None and observed.hint.encloses
     if outlined or not inspection.says_nothing:
         report["without_inspection"] = unaided or _unaided(observed, interface, closed, smooth, std_m)
-    rock, outlined_alone, agrees = closed.rock, outlined and inspection.says_nothing, None
-    if interface.is_plane and not inspection.says_nothing:
-        known = drawn.part.inspection
-        agrees = smooth_fits_inspection(rock, smooth, interface, known, observed.height_m)
+    rock, as_said = closed.rock, outlined and inspection.says_nothing  # it rests flat, within the outline
     if interface.sheet is None:
         unseen = unseen_base(drawn, rock, interface, observed.height_m)
-        number, at_rest = None, True  # as the user says where it rests: flat, within the outline
-        if not outlined_alone:
-            number, at_rest = nominal_draw(drawn, unseen, rock, interface, central, agrees, inspection.pulls)
+        number = None if as_said else nominal_draw(drawn, unseen, rock, interface)
         unseen = dataclasses.replace(unseen, nominal=number)
-        return rock, unseen, report | {"nominal_draw": number, "nominal_at_rest": at_rest}
-    # Over the plane as a surface it may stand as it was closed.
-    as_closed = (
-        interface.is_plane and agrees is not False and (outlined_alone or _is_likely(drawn, central, agrees))
-    )
-    rock, unseen, number = _bases_on_surface(drawn, rock, smooth, interface, observed.height_m, as_closed)
-    nominal = central if as_closed else None if number is None else drawn.toppling_m_s2[number]
-    return (
-        rock,
-        unseen,
-        report
-        | {
-            "nominal_draw": number,
-            "nominal_at_rest": nominal is not None,
-            "nominal_m_s2": None if nominal is None else nominal.tolist(),
-        },
-    )
+        return rock, unseen, report | {"nominal_at_rest": as_said or number is not None}
+    as_said &= interface.is_plane  # over the plane as a surface it may stand as it was closed
+    rock, unseen, number = _bases_on_surface(drawn, rock, smooth, interface, observed.height_m, as_said)
+    nominal = None if number is None else drawn.toppling_m_s2[number]
+    if as_said:
+        nominal = on_plane(rock, interface, AZIMUTHS_DEG)
+    report["nominal_at_rest"] = nominal is not None
+    report["nominal_m_s2"] = None if nominal is None else nominal.tolist()
+    return rock, unseen, report
 
 
 def _unaided(
@@ -287,9 +195,9 @@ def intervals(drawn: DrawnBases, interface: Interface) -> dict[str, Any]:
 
     Returns dict: `toppling`: for each azimuth of the ground acceleration its low, median and high, m/s2;
     `lift_off`: the same of the acceleration at which contacts begin to open. `kinds`: how likely each kind of base
-    is by the rim, and how many draws are of it. `contacts`: convex outline of all places that touch, their number,
-    and the support polygon's reach toward each azimuth from the line of the weight, low, median and high, m. `com_m`:
-    low, median and high of each coordinate.
+    is by the rim, and how many draws are of it. `contacts`: convex outline of all places that touch, `outlines` of
+    those that a share of the draws' contacts enclose, their number, and the support polygon's reach toward each
+    azimuth from the line of the weight, low, median and high, m. `com_m`: low, median and high of each coordinate.
     """
     tail = 0.5 * (1.0 - LEVEL)
     lift_off = drawn.lift_off_interval_m_s2()
@@ -304,9 +212,13 @@ def intervals(drawn: DrawnBases, interface: Interface) -> dict[str, Any]:
         assert encloses(touching, weight)
         reach.append(((touching - weight) @ ways[:, :2].T).max(axis=0))
         count.append(len(touching))
+    outlines = [
+        {"probability": share, "outline_m": interface.scene(_raised(corners, interface)).tolist()}
+        for share in _OUTLINED
+        if len(corners := _outline_of(touched, share))
+    ]
     together = np.vstack(touched)
-    corners = together[ConvexHull(together).vertices]
-    outline_m = interface.scene(np.pad(corners, ((0, 0), (0, 1))) + interface.rise(corners))
+    outline_m = interface.scene(_raised(together[ConvexHull(together).vertices], interface))
     reaches = np.quantile(reach, [tail, 0.5, 1.0 - tail], axis=0)
     return {
         "draws": len(drawn.gaps),
@@ -319,6 +231,7 @@ def intervals(drawn: DrawnBases, interface: Interface) -> dict[str, Any]:
         **({} if lift_off is None else {"lift_off": _by_azimuth(*lift_off)}),
         "contacts": {
             "outline_m": outline_m.tolist(),
+            "outlines": outlines,
             "count": [int(n) for n in np.quantile(count, [tail, 0.5, 1.0 - tail], method="nearest")],
             "reach": [
                 {"azimuth_deg": float(a), "low_m": float(x), "median_m": float(m), "high_m": float(y)}
@@ -327,6 +240,30 @@ def intervals(drawn: DrawnBases, interface: Interface) -> dict[str, Any]:
         },
         "com_m": drawn.com_interval_m().tolist(),
     }
+
+
+_OUTLINED, _ACROSS = (0.5, 0.95), 60
+"""Shares of the draws whose contacts enclose what is outlined, and nodes across the hull of all contacts."""
+
+
+def _outline_of(touched: list[Array], share: float) -> Array:
+    """Corners (k, 2) of the places that the contacts (n, 2) of such a share of the draws enclose; none if few."""
+    together = np.vstack(touched)
+    ways = [
+        np.linspace(*ends, _ACROSS) for ends in zip(together.min(axis=0), together.max(axis=0), strict=True)
+    ]
+    nodes = np.stack(np.meshgrid(*ways), axis=-1).reshape(-1, 2)
+    planes = [ConvexHull(each).equations for each in touched]
+    inside = np.mean([(nodes @ each[:, :2].T + each[:, 2] <= 0.0).all(axis=1) for each in planes], axis=0)
+    kept = nodes[inside >= share]
+    try:
+        return kept[ConvexHull(kept).vertices]
+    except (QhullError, ValueError):  # in one line, or fewer than three
+        return kept[:0]
+
+
+def _raised(corners: Array, interface: Interface) -> Array:
+    return np.pad(corners, ((0, 0), (0, 1))) + interface.rise(corners)
 
 
 def _by_azimuth(low: Array, median: Array, high: Array) -> list[dict[str, float]]:

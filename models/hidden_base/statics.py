@@ -26,7 +26,7 @@ from toppling.models.statics import quasi_static_toppling_m_s2
 
 FRICTION = ContactProperties().friction_static
 """With which every scanned scene stands unless it is told otherwise."""
-BAND_PER_HEIGHT = 0.06
+BAND_PER_HEIGHT = 0.15
 FEET_PER_HEIGHT, _HIGHER_FEET_PER_HEIGHT = 1e-4, 3e-4
 """Feet are left out while the hull of the others stays within this share of the height: below the band, above it. With
 larger ones a rounded base is a polygon, on which a slender rock topples too late."""
@@ -65,7 +65,7 @@ class DrawStatics:
         rock = dataclasses.replace(self.rock, com_m=com_m, feet_m=self.interface.scene(feet))
         plane = Pedestal(self.interface.point_m, self.interface.normal)
         if not self.interface.is_plane:
-            held = _held_on_surface(rock, low, self.interface, azimuths_deg)
+            held = held_on_surface(rock, low, self.interface, azimuths_deg)
             return held, held
         seat = Seat.of(rock, plane)
         lift_off, toppling = zip(
@@ -77,10 +77,14 @@ class DrawStatics:
 def outside_feet(rock: Rock, interface: Interface, part: HiddenPart, height_m: float) -> tuple[Array, Array]:
     """The rock's vertices beside the hidden base, within the band above the plane, and those above it (u, v, h)."""
     flat = _hull_over(rock, interface)
-    grid = part.under.grid
-    hidden = part.under.hidden.ravel()[grid.index(flat)]
+    grid, side = part.under.grid, part.side_m
     low = flat[:, 2] < BAND_PER_HEIGHT * height_m
-    return flat[low & ~hidden], flat[~low]
+    unseen = flat[low & ~part.under.hidden.ravel()[grid.index(flat)]]
+    if len(side):
+        side = side[side[:, 2] < BAND_PER_HEIGHT * height_m]
+    if len(side):
+        unseen = unseen[cKDTree(side[:, :2]).query(unseen[:, :2])[0] > 4.0 * grid.cell_m]
+    return np.vstack([side, unseen]), flat[~low]
 
 
 def low_feet(part: HiddenPart, gap: GapDraw, side: Array, height_m: float) -> Array:
@@ -122,18 +126,7 @@ def on_plane(rock: Rock, interface: Interface, azimuths_deg: Array) -> Array:
     return np.array(found)[:, 1]
 
 
-def on_surface(rock: Rock, interface: Interface, azimuths_deg: Array) -> Array:
-    """Quasi-static toppling accelerations (n,) of a rock on its own mesh, m/s2."""
-    over = interface.over(rock.vertices_m)
-    feet, low = (
-        each[each[:, 2] < _HIGH_FEET_PER_HEIGHT * rock.height_m]
-        for each in (_hull_over(rock, interface), over)
-    )
-    on_feet = dataclasses.replace(rock, feet_m=interface.scene(feet))
-    return _held_on_surface(on_feet, low, interface, tuple(float(each) for each in azimuths_deg))
-
-
-def _held_on_surface(
+def held_on_surface(
     rock: Rock, contacts: Array, interface: Interface, azimuths_deg: tuple[float, ...]
 ) -> Array:
     """Largest ground accelerations (n,) that the contacts hold in one of the rests on the way to toppling, m/s2.

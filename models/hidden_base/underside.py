@@ -26,18 +26,13 @@ _CLOSING_CELLS = (12, 24, 48, 96)
 """Gaps in the seen rim, half as wide, that are bridged: the first that leave a base of some size."""
 _LEAST_BASE_SHARE = 0.3
 """Share of the seen underside's convex hull that a hidden base takes up at least."""
-_SHARP_RIM_PER_HEIGHT = 0.003
-"""Median height to which the rim of a flat, sharp-edged base is seen: the spacing of points."""
-_RELIEF_OF_RIM = 0.6
-"""Relief of the hidden base over the rim's height beyond that: known bases are off by 0.2 to 0.7 of it."""
-_RELIEF_LENGTH_PER_HEIGHT = 0.05
 _HOLE_STIFFNESS = 0.02
 _RESTING_PER_HEIGHT = 0.0008
 """The rock rests where the closed underside is nearer to the plane than this: below what a scan resolves."""
 _HOLE_SPACINGS = 1.3
 """A gap between seen points is a hole from this many of their spacings (to the seventh neighbour)."""
-CORES_OF_HOLES = (0.8, 0.6, 0.4, 0.2, 0.0)
-"""The rock rests where a foot's hole is at least this share of its greatest depth: the first on which it stands."""
+_CORE_OF_HOLES = 0.8
+"""The rock rests where a foot's hole is at least this share of its greatest depth: skimming rays miss its border."""
 _FLAT_SHARE = 0.5
 """A hole that takes up more than this share of the hidden base is a flat base, not a foot."""
 _SIDE_PER_HEIGHT = 0.006
@@ -163,9 +158,7 @@ class Underside:
 
 def hidden_base(
     near: NearInterface,
-    core: float,
     hint: InterfaceHint | None = None,
-    rng: np.random.Generator | None = None,
     interface: Interface | None = None,
 ) -> Base:
     """Close the underside: a sheet hung into its seen rim, resting where the pedestal was not seen.
@@ -176,12 +169,8 @@ def hidden_base(
     Parameters
     ----------
     near : NearInterface
-    core : float
-        Share of a hole's depth from which the rock rests in it; smaller gives wider feet.
     hint : InterfaceHint, optional
         If it is a contact outline, the rock rests inside it and nowhere else.
-    rng : numpy.random.Generator, optional
-        Draws the relief that nobody saw, as high as the rim's height lets expect, for the uncertainty.
     interface : Interface, optional
         On the nodes of whose surface cells lie, and at whose edge the base ends.
 
@@ -192,7 +181,7 @@ def hidden_base(
     """
     under, height_m = Underside.of(near, hint, interface), near.height_m
     grid, outline, depth, hidden = under.grid, under.outline, under.hole_depth, under.hidden
-    rests = _deepest(depth, hidden, core)
+    rests = _deepest(depth, hidden)
     if outline is not None:
         rests, depth = outline, np.where(outline, 10.0, 0.0)
     weight = np.where(under.carries, 3.0, np.where(rests, _HOLE_STIFFNESS * depth**2, 0.0))
@@ -201,9 +190,6 @@ def hidden_base(
     to_the_side = ndimage.binary_dilation(low_side, iterations=3)
     sheet = np.where(rests & (to_the_side if outline is None else outline), 0.0, sheet)
     sheet = np.where(hidden & ~rests, np.maximum(sheet, LEAST_GAP_PER_HEIGHT * height_m), sheet)
-    if rng is not None and outline is None:
-        rim = under.seen_m[under.carries & (under.into_seen <= 8.0)]
-        sheet = np.where(hidden, np.maximum(sheet + _unseen_relief(grid, rim, height_m, rng), 0.0), sheet)
     base = under.closed_by(sheet, height_m)
     if interface is None or interface.edge is None:
         return base
@@ -282,22 +268,13 @@ def _lowest_of_rim(height: Array, seen: Flags, height_m: float) -> Flags:
     return seen & (known <= ndimage.minimum_filter(known, _RIM_CELLS) + _RIM_SPREAD_PER_HEIGHT * height_m)
 
 
-def _unseen_relief(grid: Grid, rim: Array, height_m: float, rng: np.random.Generator) -> Array:
-    """Smooth random heights, as rough as a base whose rim hangs so high over the pedestal may be."""
-    beyond = float(np.median(rim)) - _SHARP_RIM_PER_HEIGHT * height_m if len(rim) else 0.0
-    waves = ndimage.gaussian_filter(
-        rng.normal(size=grid.shape), _RELIEF_LENGTH_PER_HEIGHT * height_m / grid.cell_m
-    )
-    return _RELIEF_OF_RIM * max(beyond, 0.0) * waves / waves.std()
-
-
 def _largest(mask: Flags) -> Flags:
     """Keep the largest connected part."""
     parts, count = ndimage.label(mask)
     return parts == 1 + np.argmax(np.bincount(parts.ravel())[1:]) if count else mask
 
 
-def _deepest(depth: Array, hidden: Flags, core: float) -> Flags:
+def _deepest(depth: Array, hidden: Flags) -> Flags:
     """Where the rock rests: the core of each hole, whose border skimming rays miss; all of a wide one."""
     holes, count = ndimage.label(depth > 0)
     if count == 0:
@@ -305,7 +282,7 @@ def _deepest(depth: Array, hidden: Flags, core: float) -> Flags:
     deepest = np.append(0.0, ndimage.maximum(depth, holes, np.arange(1, count + 1)))
     deepest = np.where(deepest < 2.0, 1e9, deepest)  # cells: a gap between rows of points
     share = np.append(1.0, np.bincount(holes.ravel(), minlength=count + 1)[1:] / hidden.sum())
-    least = np.where(share > _FLAT_SHARE, 0.0, core * deepest)
+    least = np.where(share > _FLAT_SHARE, 0.0, _CORE_OF_HOLES * deepest)
     return (depth > 0) & (depth >= least[holes])
 
 

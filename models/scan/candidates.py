@@ -236,15 +236,15 @@ def cut_between(
     surfels: Surfels, edges: Indices, seeds: Flags, far: Flags, peak: int, height_m: Array | None = None
 ) -> Candidate | None:
     """What the cheapest cut between seeds and what is far leaves around the peak; None if that is no rock."""
-    rock, concave_share = minimum_cut(surfels, edges, seeds, far, height_m)
-    rock = _component_of(peak, rock, edges)
+    cut_off = minimum_cut(surfels, edges, seeds, far, height_m)
+    rock, share = _component_of(peak, cut_off, edges), _concave_share(surfels, edges, cut_off)
     if rock.sum() < LEAST_SURFELS or np.median(surfels.roughness[rock]) > _SURFACE_ROUGHNESS:
         return None
     points = surfels.points_m
     cut = rock[edges[:, 0]] != rock[edges[:, 1]]
     loop_m = points[edges[cut]].mean(axis=1)
     cost = float(capacity(surfels, edges[cut]).sum() / (_OF_A_BULGE * np.sqrt(rock.sum())))
-    return Candidate(float(np.ptp(points[rock, 2])), points[peak], surfels, rock, concave_share, cost, loop_m)
+    return Candidate(float(np.ptp(points[rock, 2])), points[peak], surfels, rock, share, cost, loop_m)
 
 
 def level_planes(surfels: Surfels, edges: Indices) -> list[Interface]:
@@ -345,8 +345,8 @@ def joined_rock(points_m: Array, rock: Flags, seeds: Flags) -> Flags:
 
 def minimum_cut(
     surfels: Surfels, edges: Indices, seeds: Flags, far: Flags, height_m: Array | None = None
-) -> tuple[Flags, float]:
-    """Surfels on the seeds' side of the cheapest cut, and the share of the cut edges that are concave.
+) -> Flags:
+    """Surfels on the seeds' side of the cheapest cut.
 
     Where heights over a known interface are given, edges that rise through it cost little more than a crease: rock and
     pedestal meet there. Edges along it do not, for the ground goes on beside the rock.
@@ -364,8 +364,7 @@ def minimum_cut(
     left.eliminate_zeros()
     reached = np.zeros(count + 2, bool)
     reached[breadth_first_order(left, source, return_predecessors=False)] = True
-    reached = reached[:count]
-    return reached, concave_share(surfels, edges, reached)
+    return reached[:count]
 
 
 def capacity(surfels: Surfels, edges: Indices, height_m: Array | None = None) -> NDArray[np.int32]:
@@ -380,7 +379,7 @@ def capacity(surfels: Surfels, edges: Indices, height_m: Array | None = None) ->
     return price.astype(np.int32)
 
 
-def concave_share(surfels: Surfels, edges: Indices, rock: Flags) -> float:
+def _concave_share(surfels: Surfels, edges: Indices, rock: Flags) -> float:
     """Share of the edges between a rock and the rest that run through a crease."""
     cut = edges[rock[edges[:, 0]] != rock[edges[:, 1]]]
     return float((bend(surfels, cut) < CREASE).mean()) if len(cut) else 1.0

@@ -79,8 +79,8 @@ def _outward(places_m: Array, way: Array) -> Array:
     return normals * np.where(sense == 0.0, 1.0, sense)[:, None]
 
 
-POISSON_DEPTH, COARSE_DEPTH = 7, 6
-"""Levels of the octree: of a scene's rock, and of rocks that only tell how numbers spread."""
+_POISSON_DEPTH = 7
+"""Levels of the octree."""
 _POISSON_SCALES = (1.15, 1.17, 1.2, 1.24)
 """Sizes of the octree's cube over the rock's, tried in turn: an unlucky grid tears the surface."""
 _BULGES_PER_WIDTH = 0.2
@@ -113,12 +113,9 @@ class ClosedRock:
 SHARES = ("seen_share", "closed_share", "invented_share", "crown_unseen_share")
 
 
-def close_rock(
-    surfels: Surfels, rock: Flags, base: Base, interface: Interface, depth: int = POISSON_DEPTH
-) -> ClosedRock:
+def close_rock(surfels: Surfels, rock: Flags, base: Base, interface: Interface) -> ClosedRock:
     """Close the rock with its base.
 
-    depth: levels of the octree.
     Raises InputError if the seen surface does not close to one body that reaches the interface.
     """
     flat, flat_normals = interface.flat(surfels.points_m[rock]), surfels.normals[rock] @ interface.axes
@@ -138,7 +135,7 @@ def close_rock(
     unseen, outward = np.zeros((0, 3)), np.zeros((0, 3))
     if base.side is not None:
         unseen, outward = side_gone_on(base.side, flat, flat_normals, 2.0 * surfels.voxel_m)
-    body = _poisson(np.vstack([flat, sunk, unseen]), np.vstack([flat_normals, down, outward]), depth)
+    body = _poisson(np.vstack([flat, sunk, unseen]), np.vstack([flat_normals, down, outward]))
     body = body.simplify(_SIMPLIFIED_SHARE_OF_HEIGHT * height)
     edges = flat + _EDGE_VOXELS * surfels.voxel_m * flat_normals
     body ^= about_hull(np.vstack([edges, sunk, unseen]), interface.axes[2])
@@ -272,13 +269,13 @@ def body_over(u: Array, v: Array, floor: Array, top_m: float) -> manifold3d.Mani
     return manifold3d.Manifold(manifold3d.Mesh64(vertices, faces.astype(np.uint64)))
 
 
-def _poisson(points: Array, normals: Array, depth: int) -> manifold3d.Manifold:
+def _poisson(points: Array, normals: Array) -> manifold3d.Manifold:
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
     cloud.normals = o3d.utility.Vector3dVector(normals)
     for scale in _POISSON_SCALES:
         with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
             mesh, _ = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(
-                cloud, depth=depth, scale=scale, n_threads=1
+                cloud, depth=_POISSON_DEPTH, scale=scale, n_threads=1
             )
         vertices, faces = _capped(np.asarray(mesh.vertices), np.asarray(mesh.triangles))
         body = manifold3d.Manifold(manifold3d.Mesh64(vertices, faces.astype(np.uint64)))

@@ -24,7 +24,7 @@ from toppling.models.scan.segment import PEDESTAL, ROCK
 from toppling.models.scan.surfels import voxels
 
 _CELLS_PER_HEIGHT = 120
-BAND_PER_HEIGHT = 0.08
+_BAND_PER_HEIGHT = 0.08
 """Height over the interface plane up to which points are judged anew."""
 _RELIEFS, _RELIEF_PER_HEIGHT = 3.0, 0.001
 """Standard deviations of the pedestal's relief about the interface above which it hardly rises under the rock, and
@@ -117,11 +117,14 @@ def judge_crevice(
 ) -> NDArray[np.int8]:
     """Judge the labels near the interface anew, by the pedestal's sheet.
 
-    What is called rock stays rock where that is `sure` (n,).
+    What is called rock stays rock where that is `sure` (n,). Where a belly hides the rock's foot, or the pedestal
+    beside it, no crevice was seen and nothing is judged.
 
     Raises InputError if next to nothing of the rock or of the pedestal shows near the interface.
     """
-    low = points_m[(label == ROCK) & (np.abs(interface.height_m(points_m)) < BAND_PER_HEIGHT * height_m)]
+    low = points_m[(label == ROCK) & (np.abs(interface.height_m(points_m)) < _BAND_PER_HEIGHT * height_m)]
+    if len(low) < LEAST_SEEN and not given:
+        return label
     check_seen(len(low), "rock", given=given)
     margin = 0.15 * height_m
     lowest, highest = bounds_of(low)
@@ -168,15 +171,18 @@ def _relabelled(
 ) -> NDArray[np.int8]:
     flat = interface.over(points_m)
     rock = flat[label == ROCK]
-    low = rock[rock[:, 2] < BAND_PER_HEIGHT * height_m]
+    low = rock[rock[:, 2] < _BAND_PER_HEIGHT * height_m]
     margin = 0.12 * height_m
     grid = Grid.over(
         low[:, :2].min(axis=0) - margin, low[:, :2].max(axis=0) + margin, height_m / _CELLS_PER_HEIGHT
     )
-    inside = np.abs(flat[:, 2]) < BAND_PER_HEIGHT * height_m
+    inside = np.abs(flat[:, 2]) < _BAND_PER_HEIGHT * height_m
     inside &= inside_box(flat[:, :2], grid.first_m, grid.nodes_m[-1, -1])
     near, near_label = flat[inside], label[inside]
-    check_seen(int((near_label == PEDESTAL).sum()), "pedestal", given=given)
+    beside = int((near_label == PEDESTAL).sum())
+    if beside < LEAST_SEEN and not given:
+        return label
+    check_seen(beside, "pedestal", given=given)
     # Above its relief beside the rock the sheet would climb the rock's own foot.
     low_enough = (near_label == PEDESTAL) | (
         near[:, 2] < _RELIEFS * max(interface.roughness_m, _RELIEF_PER_HEIGHT * height_m)
@@ -238,7 +244,7 @@ def _rim_polygon(flat_rock: Array, height_m: float, *, given: bool) -> Array:
 
     Raises InputError if next to nothing of the rock shows near the interface.
     """
-    low = flat_rock[np.abs(flat_rock[:, 2]) < BAND_PER_HEIGHT * height_m]
+    low = flat_rock[np.abs(flat_rock[:, 2]) < _BAND_PER_HEIGHT * height_m]
     low = low[not_strays(low)]
     check_seen(len(low), "rock", given=given)
     sector = sectors(low[:, :2] - middle(low), 48)

@@ -261,7 +261,7 @@ class Interface:
         return com[:, :2] - down[:2] / down[2] * com[:, 2:]
 
 
-def lining(surfels: Surfels, rock: Flags) -> Flags:
+def _lining(surfels: Surfels, rock: Flags) -> Flags:
     """Which patches (n,) are the pedestal's top beside a rock.
 
     A belly that hides its own foot hides the pedestal there: then the nearest patches that were seen count, in steps of
@@ -296,10 +296,10 @@ def fit_interface(surfels: Surfels, rock: Flags) -> Interface:
 
     Raises InputError if too little of the crevice was seen.
     """
-    return plane_of_lining(surfels.points_m[lining(surfels, rock)])
+    return _plane_of_lining(surfels.points_m[_lining(surfels, rock)])
 
 
-def plane_of_lining(points: Array) -> Interface:
+def _plane_of_lining(points: Array) -> Interface:
     """Plane through most of some places (n, 3) of a crevice's pedestal side."""
     plane, off = fitted_plane(points), _least_median_m(points)
     if _DRAWN_AWAY * np.median(off) < np.median(np.abs(plane.flat(points)[:, 2])):

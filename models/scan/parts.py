@@ -15,7 +15,6 @@ from toppling.models.arrays import Array, Flags
 from toppling.models.errors import InputError
 from toppling.models.files.guarded import read_guarded
 from toppling.models.files.ply import read_vertices
-from toppling.models.scan.candidates import concave_share, neighbourhood
 from toppling.models.scan.crevice import LEAST_SEEN
 from toppling.models.scan.meshes import is_mesh
 from toppling.models.scan.read import Cloud
@@ -168,8 +167,7 @@ def as_labelled(points_m: Array, label: NDArray[np.int8]) -> Segmentation:
     surfels, _, _ = patches_around(points_m, rock, height)
     surfel_label = label_surfels(surfels, points_m, label)
     _check_together(surfels.points_m, surfel_label, height)
-    share = concave_share(surfels, neighbourhood(surfels.points_m, surfels.voxel_m), surfel_label == ROCK)
-    return Segmentation(label, surfels, surfel_label, share, [])
+    return Segmentation(label, surfels, surfel_label, [])
 
 
 def _check_together(patches_m: Array, label: NDArray[np.int8], height_m: float) -> None:

@@ -58,8 +58,6 @@ class Segmentation:
     label: NDArray[np.int8]  # (n,): per point: 0 rock, 1 pedestal, 2 neither
     surfels: Surfels  # around the rock, at a hundredth of its height
     surfel_label: NDArray[np.int8]  # (k,)
-    # Share of the cut that runs through concave creases: 1 is a clear crevice, near 0 no rock.
-    concave_share: float
     # list of (x, y, z, height): other things that stand there, metres.
     others: list[tuple[float, float, float, float]]
 
@@ -160,11 +158,11 @@ def _refine(
     _, near = cKDTree(chosen.surfels.points_m).query(surfels.points_m, 8)
     votes = chosen.rock[near].mean(axis=1)
     if hint is None:
-        fine_rock, concave_share = minimum_cut(surfels, edges, votes == 1.0, votes == 0.0)
+        fine_rock = minimum_cut(surfels, edges, votes == 1.0, votes == 0.0)
     else:
         over = hint.interface.flat(surfels.points_m)[:, 2]
         seeds, far = (votes == 1.0) & (over > 2.0 * voxel), (votes == 0.0) | (over < -2.0 * voxel)
-        fine_rock, concave_share = minimum_cut(surfels, edges, seeds, far, over)
+        fine_rock = minimum_cut(surfels, edges, seeds, far, over)
     surfel_label = np.where(fine_rock, ROCK, PEDESTAL).astype(np.int8)
     surfel_label[fine_rock & ~joined_rock(surfels.points_m, fine_rock, votes == 1.0)] = NEITHER
     label = np.full(len(points_m), PEDESTAL, np.int8)
@@ -178,7 +176,6 @@ def _refine(
         label,
         surfels,
         surfel_label,
-        concave_share,
         [(*other.top_m.tolist(), other.height_m) for other in others],
     )
 
@@ -216,7 +213,7 @@ def cut_over(points_m: Array, parts: Segmentation, interface: Interface) -> Segm
     if not seeds.any() or not far.any():
         return parts
     edges = neighbourhood(surfels.points_m, surfels.voxel_m)
-    found, _ = minimum_cut(surfels, edges, seeds, far, over[:, 2])
+    found = minimum_cut(surfels, edges, seeds, far, over[:, 2])
     return _relabelled(points_m, parts, found & ~rock & (over[:, 2] > clear), ROCK)
 
 

@@ -3,7 +3,7 @@
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -19,19 +19,21 @@ from toppling.models.hidden_base.from_scan import ContradictionError
 from toppling.models.hidden_base.inspection import Inspection
 from toppling.models.hidden_base.near_interface import near_the_interface
 from toppling.models.hidden_base.standing import check_inspection
+from toppling.models.hidden_base.underside import hidden_base
 from toppling.models.lengths import size_note
 from toppling.models.rock import check_size
 from toppling.models.scan.beside import mesh_beside, stands_beside
 from toppling.models.scan.carried_surface import carried_surface, level_surface
 from toppling.models.scan.choice import with_reason
-from toppling.models.scan.close import SHARES, ClosedRock
-from toppling.models.scan.crevice import BAND_PER_HEIGHT, check_seen, judge_crevice
+from toppling.models.scan.close import SHARES, ClosedRock, close_rock
+from toppling.models.scan.crevice import judge_crevice
 from toppling.models.scan.ground import Ground, kept_of, pedestal_ground
 from toppling.models.scan.hanging import beside_hanging, check_above, hanging, seat_of, strays_at_edge
 from toppling.models.scan.hints_file import outside_cloud
 from toppling.models.scan.interface import Interface, fit_interface
 from toppling.models.scan.interface_hint import InterfaceHint, check_near, points_told, seen_about_points
-from toppling.models.scan.measure import ObservedRock, close_standing, confidence, uncertainty
+from toppling.models.scan.invented import spread_of
+from toppling.models.scan.measure import ObservedRock
 from toppling.models.scan.meshes import Mesh
 from toppling.models.scan.parts import as_labelled
 from toppling.models.scan.plausible import step_note
@@ -54,8 +56,6 @@ from toppling.models.scene import Scene
 Progress = Callable[[str], None]
 
 STAGES = 6
-_UPWARD = 0.3
-"""Cosine to the interface's normal above which a patch of the pedestal can carry a rock."""
 _BESIDE_PER_HEIGHT, _UNDERSIDE_PER_HEIGHT = 0.1, 0.25
 """Heights over the interface up to which points of the pedestal, and of the rock, tell about it and the base."""
 _BESIDE_POINTS = 1_000_000
@@ -78,7 +78,6 @@ def survey(
     progress: Progress = lambda _: None,
     near_m: tuple[float, float] | None = None,
     hint: InterfaceHint | None = None,
-    bootstrap: int = 0,
     inspection: Inspection | None = None,
 ) -> Survey:
     """Register, segment, close and measure.
@@ -87,13 +86,11 @@ def survey(
     ----------
     cloud : Cloud
     progress : callable
-        Called with the name of each of the `STAGES` as it begins, and "resampling" after each realisation.
+        Called with the name of each of the `STAGES` as it begins.
     near_m : pair of float, optional
         Survey coordinates x, y near the top of the rock that is meant, where several stand.
     hint : InterfaceHint, optional
         The interface as the user knows it, survey coordinates.
-    bootstrap : int
-        Number of times that the rock is closed from resampled points, for the uncertainty in the report.
     inspection : Inspection, optional
         What the user knows of the base, survey coordinates.
 
@@ -103,7 +100,7 @@ def survey(
         If the cloud shows no rock that stands on a pedestal, one that hangs below its base, or one of a size that no
         rock has; or what the user says of the base contradicts it.
     """
-    result, label, notes = work_out(cloud, progress, near_m, hint, bootstrap, inspection)
+    result, label, notes = work_out(cloud, progress, near_m, hint, inspection)
     progress("drawing the hidden base")
     scene, kept = result.scene()
     return Survey(scene, label, notes, kept)
@@ -114,7 +111,6 @@ def work_out(
     progress: Progress = lambda _: None,
     near_m: tuple[float, float] | None = None,
     hint: InterfaceHint | None = None,
-    bootstrap: int = 0,
     inspection: Inspection | None = None,
 ) -> tuple[WorkedOut, NDArray[np.int8], tuple[str, ...]]:
     """Everything of :func:`survey` but the hidden base, the label of each point, and notes."""
@@ -144,10 +140,9 @@ def work_out(
     if cloud.coarsest is not None:
         told.append(step_note(cloud.coarsest.step_m, height_m, cloud.coarsest.name))
     progress("closing the rock")
-    closed, core = close_standing(observed, interface)
+    base = hidden_base(observed.near(interface), observed.hint, interface)
+    closed = close_rock(observed.surfels, observed.patches, base, interface)
     doubted = warnings_of(observed, interface, closed, cloud.points_m, seen.label, cloud.origin_m)
-    resampling = partial(progress, "resampling")
-    spread = uncertainty(observed, interface, core, closed, bootstrap, resampling)
     progress("meshing the pedestal")
     ground = pedestal_ground(observed.surfels, seen.pedestal, closed.rock, interface)
     below = at_most(np.flatnonzero(seen.label == PEDESTAL), _BESIDE_POINTS)
@@ -163,10 +158,11 @@ def work_out(
         "registration": fitted.report,
         "files": [source.to_json() for source in cloud.sources]
         or [{"name": name, "points": points} for name, points in cloud.files],
-    } | ({"uncertainty": spread} if spread else {})
+        "uncertainty": spread_of(closed),
+    }
     told += [moved, size_note(height_m, closed.rock.volume_m3), *(each.sentence for each in doubted)]
     seat = ground.pedestal, cloud.origin_m, fitted.bounds_m
-    worked_out = WorkedOut(observed, interface, closed, core, *seat, report, inspection)
+    worked_out = WorkedOut(observed, interface, closed, *seat, report, inspection)
     return worked_out, seen.label, tuple(filter(None, told))
 
 
@@ -240,9 +236,6 @@ def _classified(cloud: Cloud, parts: Segmentation, hint: InterfaceHint | None) -
         beside = stands_beside(surfels, rock, pedestal, interface, height)
     if interface.is_bare and beside.any():
         interface = level_surface(surfels, rock, height, interface)
-    top = pedestal & (surfels.normals @ interface.normal > _UPWARD)
-    top &= np.abs(interface.over(surfels.points_m)[:, 2]) < BAND_PER_HEIGHT * height
-    check_seen(int(top.sum()), "pedestal's top", given=hint is not None)
     standing, below = _near_interface(cloud.points_m, label, interface, height)
     low, lit = near_the_interface(interface.over(standing), interface.over(below), height)
     observed = ObservedRock(standing, below, standing[low], below[lit], surfels, rock, height, hint)
@@ -283,15 +276,12 @@ def _surface_report(
 
 
 def _segmentation_report(parts: Segmentation, seen: _Seen) -> dict[str, Any]:
-    observed, label = seen.observed, seen.label
-    points = np.concatenate([observed.rock_m, observed.pedestal_m])
-    side = np.repeat(np.array([ROCK, PEDESTAL], np.int8), [len(observed.rock_m), len(observed.pedestal_m)])
+    label = seen.label
     return {
         "rock_points": int((label == ROCK).sum()),
         "pedestal_points": int((label == PEDESTAL).sum()),
         "neither_points": int((label == NEITHER).sum()),
         "resolution_m": parts.surfels.voxel_m,
-        "confidence": confidence(parts, points, side, seen.interface, observed.height_m),
         "other_candidates": [{"top_m": [*other[:3]], "height_m": other[3]} for other in parts.others],
     }
 

@@ -29,7 +29,7 @@ from toppling.models.scan.segment import PEDESTAL, ROCK
 from toppling.models.scan.surfels import Surfels
 from toppling.models.scene import Scene
 
-SCHEMA_VERSION = 5
+SCHEMA_VERSION = 6
 _MOST_BYTES = 2 << 30
 """Unpacked; a scan of 20 million points keeps less than a tenth of this."""
 
@@ -46,7 +46,6 @@ class WorkedOut:
     observed: ObservedRock
     interface: Interface
     closed: ClosedRock
-    core: float  # of the feet of the smooth closing
     pedestal: Pedestal
     origin_m: Array  # (3,)
     bounds_m: Array  # (2, 3): lowest and highest survey coordinates of the clouds
@@ -90,13 +89,14 @@ class WorkedOut:
         self.inspection.check(*self.bounds_m)
         known = self.inspection.moved(self.origin_m)
         check_inspection(self.observed, self.interface, known)
-        std_m = self.report.get("uncertainty", {}).get("com_std_m")
-        parts = (self.observed, self.interface, self.closed, self.core)
-        rock, unseen, standing = base_unseen(*parts, std_m, known, self.unaided)
+        parts = (self.observed, self.interface, self.closed)
+        rock, unseen, standing = base_unseen(*parts, known, self.unaided)
         scene = Scene(rock, self.pedestal, origin_m=self.origin_m, unseen=unseen)
         nominal = standing.get("nominal_m_s2")
         # Of the draws: the closed rock's own may lie beside the weight, which each of them encloses.
-        interface = {**self.report["interface"], "outline_m": standing["contacts"].pop("outline_m")}
+        contacts = standing["contacts"]
+        outlined = {name: contacts.pop(name) for name in ("outline_m", "outlines")}
+        interface = {**self.report["interface"], **outlined}
         report = {
             **self.report,
             "interface": interface,
@@ -121,7 +121,6 @@ class WorkedOut:
             "sheet": None if self.interface.sheet is None else self.interface.sheet.to_json(),
             "edge_blur_m": None if self.interface.edge is None else self.interface.edge.blur_m,
             "shares": [getattr(self.closed, share) for share in SHARES],
-            "core": self.core,
             "hint": None if hint is None else [hint.kind, hint.encloses],
             "pulls": self.inspection.pulls,
             "base": self.inspection.base,
@@ -219,7 +218,6 @@ class WorkedOut:
             observed=observed,
             interface=interface,
             closed=ClosedRock(rock, *told["shares"]),
-            core=told["core"],
             pedestal=Pedestal(*arrays["pedestal_plane"], *surface),
             origin_m=bounds[0],
             bounds_m=bounds[1:],

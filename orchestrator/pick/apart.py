@@ -164,14 +164,13 @@ def split(
     stored: Stored,
     near_m: tuple[float, float] | None,
     hint: InterfaceHint | None,
-    bootstrap: int,
     inspection: Inspection,
     number: int,
     note: _Note,
 ) -> tuple[Stored, WorkedOut, NDArray[np.int8], tuple[str, ...], View]:
     """Register (once) and split a cloud; returns the registered cloud, results, labels, notes, and numbered view."""
     cloud = _cloud(stored, note)
-    worked, label, notes = work_out(cloud, note, near_m, hint, bootstrap, inspection)
+    worked, label, notes = work_out(cloud, note, near_m, hint, inspection)
     note("showing the rock")
     moved = Stored(stored.folder / "registered", stored.rest)
     fitted = moved if moved.folder.exists() else stored

@@ -17,6 +17,7 @@ from toppling.models.hidden_base.intervals import base_sentences
 from toppling.models.lengths import METRES
 from toppling.models.scan.hints_file import KINDS, Hints
 from toppling.models.scan.interface_hint import InterfaceHint, hint_of
+from toppling.models.scan.invented import spread_of
 from toppling.models.scan.placement import upward
 from toppling.models.scan.segment import NEITHER, ROCK
 from toppling.models.scan.survey import Survey
@@ -216,6 +217,7 @@ def answer_shown(survey: Survey | None, worked: WorkedOut) -> dict[str, Any]:
     base = report.get("unseen_base", {})
     return {
         "volume_m3": rock.volume_m3,
+        "volume_std_m3": spread_of(worked.closed)["volume_std_m3"],
         "height_m": rock.height_m,
         "slope_deg": pedestal.slope_deg,
         "downhill_azimuth_deg": pedestal.downhill_azimuth_deg,
@@ -223,7 +225,6 @@ def answer_shown(survey: Survey | None, worked: WorkedOut) -> dict[str, Any]:
         "plane": {"point_m": plane.point_m.tolist(), "normal": plane.normal.tolist(), **report["interface"]},
         "surface": report["surface"],
         "toppling": base.get("toppling"),
-        "kinds": base.get("kinds"),
         "contacts": base.get("contacts"),
         "sentences": base_sentences(report),
     }

@@ -72,7 +72,7 @@ def pick_server(
         # A model with another up axis or unit is shown unchanged, so that the page can place it.
         as_it_is = Placement(says_up=True, says_scale=True)
         placed = Placed(read_clouds(files, None, as_it_is), as_it_is, refused=True)
-    return PickServer(Picking(placed, read, given["bootstrap"], write, str(out), said), port)
+    return PickServer(Picking(placed, read, write, str(out), said), port)
 
 
 def again_server(
@@ -112,7 +112,6 @@ def again_server(
         Picking(
             Placed(cloud, Placement()),
             lambda _: Placed(cloud, Placement()),
-            0,
             write,
             str(out or scene),
             said,

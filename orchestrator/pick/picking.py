@@ -72,7 +72,6 @@ class Picking:
 
     placed: cloud shown at first.
     read: reads the clouds as placed by hints.
-    bootstrap: number of half samples for the uncertainty.
     write: writes a survey with its hints.
     target: output folder, for display.
     said: initial hints.
@@ -83,13 +82,12 @@ class Picking:
         self,
         placed: Placed,
         read: _Read,
-        bootstrap: int,
         write: _Write,
         target: str,
         said: UserHints,
         kept: Answer | None = None,
     ) -> None:
-        self._read, self._bootstrap, self._write, self._target = read, bootstrap, write, target
+        self._read, self._write, self._target = read, write, target
         self._placed = placed
         self._placed_by = None if placed.refused else said.of_the_cloud
         self._apart = Apart()
@@ -221,7 +219,7 @@ class Picking:
                 remedy="take the hint back, or scan the clouds with --pick and --hints, the scene's hints.toml",
             )
         near = None if said.near is None else (said.near[0], said.near[1])
-        hints = near, said.hint(), self._bootstrap, said.inspection()
+        hints = near, said.hint(), said.inspection()
         registered, worked, label, notes, view = self._apart.do(
             self._note, apart.split, self._cloud_apart(), *hints, self.view.number + 1
         )

@@ -29,6 +29,7 @@ FILES = {
     "handles.js": ("pick/handles.js", _SCRIPT),
     "stage.js": ("pick/stage.js", _SCRIPT),
     "plot.js": ("pick/plot.js", _SCRIPT),
+    "bearings.js": ("pick/bearings.js", _SCRIPT),
     "three.js": ("vendor/three.min.js", _SCRIPT),
 }
 """Served files, by path of the request: name in `results/drawing`, and content type."""

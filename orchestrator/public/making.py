@@ -23,7 +23,7 @@ from toppling.models.scan.survey import SeparatedMeshes, Survey, save_survey, su
 from toppling.models.scan.worked_out import WorkedOut
 from toppling.models.scene import Scene
 from toppling.models.spelling import did_you_mean
-from toppling.orchestrator.public import REALISATIONS, unseen
+from toppling.orchestrator.public import unseen
 from toppling.orchestrator.settling_notes import draw_settling, settling_notes
 from toppling.results.drawing.scene_figures import draw_scene
 
@@ -51,7 +51,6 @@ def scan(
     out: str | Path,
     *,
     contact: str | Path | None = None,
-    bootstrap: int = REALISATIONS,
     advance: Callable[..., None] = unseen,
     **hints: Unpack[Hints],
 ) -> Scanned:
@@ -65,8 +64,6 @@ def scan(
         The scene's folder, which must not exist.
     contact : path, optional
         File of places that touch, or where light passes.
-    bootstrap : int
-        Half samples for the uncertainty.
     advance : callable
         Called with (1, what) at each stage.
     **hints
@@ -90,7 +87,7 @@ def scan(
 
     advance(0, "reading")
     cloud, meshes = placed_cloud(tuple(map(Path, files)), hints)
-    make = partial(survey, cloud, stage, hints.get("near"), hint, bootstrap, inspection)
+    make = partial(survey, cloud, stage, hints.get("near"), hint, inspection)
     try:
         result = make() if meshes is None else meshes.surveyed(make, hinted=not inspection.says_nothing)
     except InputError as error:

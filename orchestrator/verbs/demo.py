@@ -91,7 +91,7 @@ def _make_scene(out: Path) -> None:
     files = [folder / f"station{number}.ply" for number in range(1, len(stations) + 1)]
     for file, station in zip(files, stations, strict=True):
         write_ply(file, station.points_m, np.empty((0, 3), np.int64))
-    made = scan(files, out / "scene", bootstrap=0, advance=lambda _, stage: _say(f"scan: {stage}"))
+    made = scan(files, out / "scene", advance=lambda _, stage: _say(f"scan: {stage}"))
     rock, pedestal = made.scene.rock, made.scene.pedestal
     points = sum(len(station.points_m) for station in stations)
     _say(

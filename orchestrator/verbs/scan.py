@@ -11,23 +11,11 @@ from toppling.models.lengths import METRES
 from toppling.models.scan.hints_file import KEYS, KINDS, OF_CLOUDS, RIVALS, read_hints
 from toppling.models.scene import Scene
 from toppling.orchestrator.progress import bar
-from toppling.orchestrator.public import REALISATIONS
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import browsing_options, option, served
 
 if TYPE_CHECKING:
     from toppling.orchestrator.public.making import Scanned
-
-_LEAST_REALISATIONS = 3
-"""Minimum number of half samples that gives a spread."""
-
-
-def _enough(_: click.Context, __: click.Parameter, realisations: int) -> int:
-    if 0 < realisations < _LEAST_REALISATIONS:
-        raise click.BadParameter(
-            f"{realisations} give no spread: give 0 for none, or at least {_LEAST_REALISATIONS}."
-        )
-    return realisations
 
 
 def _place(_: click.Context, parameter: click.Parameter, words: tuple[str, ...]) -> list[tuple[float, ...]]:
@@ -150,10 +138,6 @@ def _without_rivals(given: dict[str, Any]) -> dict[str, Any]:
     help="Give hints by clicks on the cloud: opens a page that shows what comes of them and saves the scene.",
 )  # fmt: skip
 @browsing_options
-@option(
-    "--bootstrap", type=click.IntRange(min=0), default=REALISATIONS, callback=_enough,
-    help=f"Half samples for the uncertainty, at least {_LEAST_REALISATIONS}; 0 for none.",
-)  # fmt: skip
 @shared.json_option("Print the content of scene.json.")
 def scan(
     files: tuple[Path, ...],
@@ -260,7 +244,7 @@ def _from_clouds(files: tuple[Path, ...], given: dict[str, Any]) -> "Scanned":
     from toppling.models.scan.survey import STAGES
     from toppling.orchestrator.public.making import scan as scanned
 
-    with bar("scan", STAGES + given["bootstrap"] + 3) as advance:
+    with bar("scan", STAGES + 3) as advance:
         return scanned(files, given.pop("out"), **given, advance=advance)
 
 

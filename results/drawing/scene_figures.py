@@ -17,13 +17,12 @@ from toppling.models.frames import compass_deg
 from toppling.models.scene import Scene
 from toppling.results.drawing.painted_mesh import faces_eye, hidden, painted, surfaces_of, view_frame
 from toppling.results.drawing.roses import emptiest_deg, mark_winds, wind_of
-from toppling.results.drawing.style import CLIFF_COLOUR, CONTACT_COLOUR, FULL_WIDTH_IN, ROCK_COLOUR, style
+from toppling.results.drawing.style import CLIFF_COLOUR, CONTACT_COLOUR, FULL_WIDTH_IN, style
 
 VIEWS_DEG = ((20.0, 0.0), (20.0, 120.0), (20.0, 240.0))
 """Elevation and azimuth of each view, degrees."""
 _VIEW_REACH = 0.66
 """Half width of a view, as a fraction of the rock's largest side."""
-BAND_TITLE = "brown band: one standard deviation"
 _SHADOW_COLOUR = "#f0dcc0"
 """Fill colour of the rock in plan."""
 _ON_SURFACE = 0.03
@@ -138,10 +137,15 @@ def _draw_scale(axes: Axes, reach_m: float) -> None:
 
 
 def interface_lines(scene: Scene) -> list[tuple[Array, str, str]]:
-    """Contact outline and cliff edges, (n, 3) each, with dashes and colour."""
+    """Contact outlines and cliff edges, (n, 3) each, with dashes and colour; likelier contacts are broken lines."""
     interface = scene.report.get("interface", {})
-    outline = np.array(interface.get("outline_m", np.empty((0, 3))))
-    lines = [(np.vstack([outline, outline[:1]]), "-", CONTACT_COLOUR)] if len(outline) else []
+    likelier = [each["outline_m"] for each in interface.get("outlines", [])]
+    outlines = [np.array(each) for each in [interface.get("outline_m", []), *likelier]]
+    lines = [
+        (np.vstack([each, each[:1]]), dashes, CONTACT_COLOUR)
+        for each, dashes in zip(outlines, ["-", "--", ":"], strict=False)
+        if len(each)
+    ]
     return lines + [(np.array(edge), "-.", CLIFF_COLOUR) for edge in interface.get("edges_m", [])]
 
 
@@ -182,10 +186,9 @@ def _draw_plan(axes: Axes, scene: Scene) -> None:
 
 
 def draw_statics(axes: PolarAxes, scene: Scene) -> None:
-    """Draw the least constant toppling acceleration by azimuth, with its uncertainty."""
-    azimuth_deg, value, spread = toppling_band(scene)
+    """Draw the least constant toppling acceleration by azimuth, with that of the drawn bases."""
+    azimuth_deg, value = _statics_of(scene)
     azimuth = np.deg2rad(azimuth_deg)
-    axes.fill_between(azimuth, value - spread, value + spread, color=ROCK_COLOUR, alpha=0.3, linewidth=0)
     axes.plot(azimuth, value, color=CONTACT_COLOUR, lw=1.2)
     axes.set_ylim(0, polar_reach_m_s2(value))
     around, low, high, _ = base_interval(scene)
@@ -197,11 +200,10 @@ def draw_statics(axes: PolarAxes, scene: Scene) -> None:
 
 def statics_words(scene: Scene) -> str:
     """What the picture of the statics shows, for the text beside it."""
-    _, value, spread = toppling_band(scene)
+    _, value = _statics_of(scene)
     around, *_, level = base_interval(scene)
     bands = [
         *([f"blue band: {100 * level:.0f} % of possible bases"] if len(around) else []),
-        *([BAND_TITLE] if spread.any() else []),
         *beyond_frame(value),
     ]
     return "; ".join(
@@ -240,42 +242,32 @@ def beyond_frame(value: Array) -> list[str]:
     return [f"beyond the frame: more than {reach:.3g} m/s²"] if (value > reach).any() else []
 
 
-def toppling_band(scene: Scene) -> tuple[Array, Array, Array]:
-    """Azimuths (closed) of the ground's acceleration, least toppling value (m/s²), and its standard deviation.
-
-    The latter comes from the scan's report, at steps of ten degrees; 0 without one.
-    """
+def _statics_of(scene: Scene) -> tuple[Array, Array]:
+    """Azimuths (closed) of the ground's acceleration, and the least toppling values (m/s²)."""
     table = scene.to_json()["quasi_static_toppling_m_s2"]
     rows = [*table, {**table[0], "azimuth_deg": 360.0}]
-    azimuth = np.array([row["azimuth_deg"] for row in rows], float)
-    value = np.array([row["value"] for row in rows], float)
-    known = scene.report.get("uncertainty", {}).get("quasi_static_toppling_m_s2", [])
-    if not known:
-        return azimuth, value, np.zeros(len(azimuth))
-    at = np.array([row["azimuth_deg"] for row in known], float)
-    std = np.array([row["std"] for row in known], float)
-    return azimuth, value, np.interp(azimuth, at, std, period=360.0)
+    return np.array([row["azimuth_deg"] for row in rows], float), np.array(
+        [row["value"] for row in rows], float
+    )
 
 
 def numbers_of(scene: Scene, notes: Sequence[str] = ()) -> list[str]:
-    """Text lines for a scene: sizes with their uncertainty, the interface, confidence in the split, and notes."""
+    """Text lines for a scene: sizes with their uncertainty, the interface, and notes."""
     rock, report = scene.rock, scene.report
     spread, registration = report.get("uncertainty", {}), report.get("registration", {})
     downhill = scene.pedestal.downhill_azimuth_deg
     volume, com = spread.get("volume_std_m3"), spread.get("com_std_m")
     if "com_m" in (report.get("unseen_base") or {}):
         com = None  # the notes give its interval over the drawn bases, which includes all uncertainty
-    tilt = spread.get("interface_normal_std_deg")
     lines = [
         f"volume {rock.volume_m3:.5g}{'' if volume is None else f' ± {volume:.2g}'} m³, "
         f"height {rock.height_m:.4g} m",
         "centre of mass {:.3f}, {:.3f}, {:.3f}".format(*rock.com_m)
         + (" m" if com is None else " ± {:.2g}, {:.2g}, {:.2g} m (one standard deviation)".format(*com)),
-        f"interface falls {scene.pedestal.slope_deg:.2f}°{'' if tilt is None else f' ± {tilt:.2f}°'} toward azimuth "
+        f"interface falls {scene.pedestal.slope_deg:.2f}° toward azimuth "
         f"{downhill:.1f}° ({float(compass_deg(downhill)):.0f}° compass)",
         *_surface_of(report),
         "origin {:.1f}, {:.1f}, {:.1f} m".format(*scene.origin_m),
-        *_split_of(report),
     ]
     if "residual_m" in registration:
         lines.append(_fit_of(registration))
@@ -294,22 +286,6 @@ def _surface_of(report: Mapping[str, Any]) -> list[str]:
             f"{_percent(surface['closed_share'], 1)}, invented {_percent(surface['invented_share'], 1)}"
         )
     return lines
-
-
-def _split_of(report: Mapping[str, Any]) -> list[str]:
-    """Lines on the confidence in the split; other candidates exist only where the interface was fitted."""
-    sure = report.get("segmentation", {}).get("confidence")
-    if not sure:
-        return []
-    fitted = report.get("interface", {}).get("given_by", "fit") == "fit"
-    return [
-        f"split: {_percent(sure['concave_share_of_cut'])} of the cut lies in creases,",
-        f"  crevice seen in {_percent(sure['crevice_seen_share'])} of the directions,",
-        f"  {_percent(sure['undisputed_share'], 1)} of the points near it undisputed,",
-        f"  highest other candidate {_percent(sure['runner_up'])} of the rock's height"
-        if fitted
-        else "  no other candidate looked for, as the interface is given",
-    ]
 
 
 def _percent(share: float, digits: int = 0) -> str:

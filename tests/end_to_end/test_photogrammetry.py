@@ -18,7 +18,7 @@ MM_Y_UP = np.array([[1000.0, 0.0, 0.0], [0.0, 0.0, 1000.0], [0.0, -1000.0, 0.0]]
 def scanned(folder, name, *words):
     """The command's answer; the scene lies in the folder of the name."""
     told = subprocess.run(
-        [*COMMAND, *words, "--out", name, "--bootstrap", "0"],
+        [*COMMAND, *words, "--out", name],
         cwd=folder,
         capture_output=True,
         text=True,

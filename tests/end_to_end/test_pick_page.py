@@ -34,7 +34,7 @@ def cloud(tmp_path_factory):
 @pytest.fixture(scope="module")
 def page(cloud):
     """The command, and a browser that shows its page."""
-    words = [str(cloud), "--out", str(cloud.parent / "rock"), "--bootstrap", "0", "--pick", "--no-open"]
+    words = [str(cloud), "--out", str(cloud.parent / "rock"), "--pick", "--no-open"]
     command = subprocess.Popen([*COMMAND, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         address = re.search(r"http://\S+", command.stdout.readline())[0]
@@ -70,6 +70,7 @@ def test_what_a_click_gets_wrong_is_told_with_its_remedy_and_taken_back(page, cl
     browser.click_at(60, 560)  # the ground in front, far from the rock
     browser.until("document.getElementById('error').innerText.includes('What to do')")
     assert browser.run("return document.getElementById('save').disabled")
+    assert "error above" in browser.run("return document.getElementById('why').innerText")
     browser.keys("z", held=CONTROL)
     browser.until(f"{IDLE} == 'true'")
     assert browser.run("return document.getElementById('error').hidden")
@@ -102,7 +103,8 @@ def test_the_base_is_said_by_its_controls_and_touches_alone_once_there_are_three
     browser, _ = page
     least, said = (f"return document.getElementById('{name}').innerText" for name in ("least", "hints"))
     before = browser.run(least)
-    assert "by its rim" in browser.run("return document.getElementById('numbers').innerText")
+    assert "±" in browser.run("return document.getElementById('numbers').innerText")
+    assert "by its rim" in browser.run("return document.getElementById('notes').textContent")
     browser.click("#base option:nth-child(2)")
     browser.until(f"{IDLE} == 'true' && {said[7:]}.includes('base: flat')")
     assert browser.run(least) != before
@@ -126,6 +128,25 @@ def test_the_base_is_said_by_its_controls_and_touches_alone_once_there_are_three
 
 
 @needs_driver
+def test_a_pull_is_said_by_a_bearing_and_told_by_one(page):
+    browser, _ = page
+    said = "document.getElementById('hints').innerText"
+    browser.run("""
+        const form = document.getElementById("pull");
+        form.azimuth.value = "N40E";
+        form.ratio.value = "0.3";
+        form.requestSubmit();
+    """)
+    browser.until(f"{said}.includes('of the weight toward N40E')")
+    assert (
+        browser.run("return document.getElementById('view').ownerDocument.querySelector('#pull input').value")
+        == ""
+    )
+    browser.keys("z", held=CONTROL)
+    browser.until(f"{IDLE} == 'true' && {said} == 'none yet'")
+
+
+@needs_driver
 def test_clicks_become_hints_by_which_the_scan_repeats(page, cloud):
     browser, command = page
     before = browser.run("return document.getElementById('least').textContent")
@@ -145,7 +166,7 @@ def test_clicks_become_hints_by_which_the_scan_repeats(page, cloud):
     told, complained = command.communicate(timeout=120)
     assert command.returncode == 0, complained
     assert "rock of" in told
-    again = [*COMMAND, str(cloud), "--out", str(cloud.parent / "again"), "--bootstrap", "0"]
+    again = [*COMMAND, str(cloud), "--out", str(cloud.parent / "again")]
     done = subprocess.run(
         [*again, "--hints", str(cloud.parent / "rock" / "hints.toml")], capture_output=True, text=True
     )

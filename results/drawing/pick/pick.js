@@ -2,6 +2,7 @@
 import { Stage } from "./stage.js";
 import { Handles, normalOf, slopeOf } from "./handles.js";
 import { polar, width } from "./plot.js";
+import { azimuthOf, bearingOf } from "./bearings.js";
 
 const at = id => document.getElementById(id);
 const MODES = [
@@ -80,7 +81,7 @@ function onTop([x, y]) {
   return [x, y, (top === -Infinity ? stage?.home.target[2] ?? 0 : top) + oz];
 }
 const surveyed = place => place.map((value, k) => value + state.origin_m[k]);
-const choose = candidate => add("near", surveyed(candidate.top_m).slice(0, 2).map(value => +value.toFixed(3)));
+const choose = candidate => isChosen(candidate) || add("near", surveyed(candidate.top_m).slice(0, 2).map(value => +value.toFixed(3)));
 const local = place => place.map((value, k) => value - state.origin_m[k]);
 
 const planeHint = plane => {
@@ -154,9 +155,9 @@ function listHints() {
   for (const name of ["units", "up"]) if (hints[name]) row(name, 0, hints[name], hints[name]);
   if (hints.length) row("length", 0, hints.length, `${+hints.length[2].toPrecision(6)} m between two places`);
   if (hints.near) row("near", 0, hints.near, told(hints.near));
-  if (hints.plane) row("plane", 0, hints.plane, `${told(hints.plane.slice(0, 3))}; ${told(hints.plane.slice(3, 4))}° toward ${told(hints.plane.slice(4))}°`);
+  if (hints.plane) row("plane", 0, hints.plane, `${told(hints.plane.slice(0, 3))}; ${told(hints.plane.slice(3, 4))}° toward ${bearingOf(hints.plane[4])}`);
   if (hints.outline.length) row("outline", 0, hints.outline, `${hints.outline.length} places around the contact`);
-  for (const name of LISTS) hints[name].forEach((value, index) => row(name, index, value, name === "pull" ? `${+value[1].toFixed(4)} of the weight toward ${+value[0].toFixed(2)}°` : told(value)));
+  for (const name of LISTS) hints[name].forEach((value, index) => row(name, index, value, name === "pull" ? `${+value[1].toFixed(4)} of the weight toward ${bearingOf(value[0])}` : told(value)));
   if (hints.base) row("base", 0, hints.base, hints.base);
   if (hints.touch_only) row("touch_only", 0, true, "there and nowhere else");
   if (hints.point.length && hints.point.length < 3) rows.push(make("li", make("span", `${3 - hints.point.length} more where they meet`, { className: "quiet" })));
@@ -172,9 +173,19 @@ function showError(error) {
   if (!error) return;
   const parts = [make("strong", `${error.where ? error.where + ": " : ""}${error.what}`)];
   if (error.expected) parts.push(make("p", `Expected: ${error.expected}`));
-  if (error.remedy) parts.push(make("p", `What to do: ${error.remedy}`));
+  const here = REMEDIES.filter(([option]) => new RegExp(`--${option}\\b`).test(error.remedy));
+  if (here.length) parts.push(make("p", ["What to do here: ", ...here.map(([, text, act]) => make("button", text, { type: "button", onclick: act }))]));
+  // The command's own words serve where no control of the page does the same.
+  if (error.remedy && !here.length) parts.push(make("p", `What to do: ${error.remedy}`));
   at("error").replaceChildren(...parts);
 }
+// What an option of the command does is a control here.
+const field = (form, name) => () => at(form)[name].focus();
+const REMEDIES = [
+  ...["near", "point", "plane", "touch", "daylight", "length"].map(name => [name, MODES.find(each => each[0] === name)[2], () => { setMode(name); at("view").focus(); }]),
+  ["contact", "Touch", () => setMode("touch")], ["pull", "Pull", field("pull", "azimuth")], ["base", "Hidden base", field("base", "kind")],
+  ["up", "Up", field("place", "up")], ["units", "Unit", field("place", "units")],
+];
 function complain(error) { showError({ what: error.message.split("\n")[0], where: "", expected: "", remedy: "" }); }
 
 function showAnswer(answer) {
@@ -182,11 +193,9 @@ function showAnswer(answer) {
   if (!answer) return;
   at("result").classList.toggle("stale", !state.current);
   at("stale").textContent = state.current ? "" : state.stage ? "(being worked out)" : "(of earlier hints)";
-  const rows = [["volume", `${answer.volume_m3.toPrecision(4)} m³`], ["height", `${answer.height_m.toPrecision(3)} m`],
-    ["pedestal", `dips ${answer.slope_deg.toFixed(1)}° toward ${answer.downhill_azimuth_deg.toFixed(0)}°`],
+  const rows = [["volume", `${answer.volume_m3.toPrecision(4)} ± ${answer.volume_std_m3.toPrecision(2)} m³`], ["height", `${answer.height_m.toPrecision(3)} m`],
+    ["pedestal", `dips ${answer.slope_deg.toFixed(1)}° toward ${bearingOf(answer.downhill_azimuth_deg)}`],
     ["surface", `${(100 * answer.surface.seen_share).toFixed(0)} % seen, ${(100 * answer.surface.invented_share).toFixed(0)} % invented`]];
-  const kinds = Object.entries(answer.kinds || {}).map(([kind, { weight }]) => `${kind} ${(100 * weight).toFixed(0)} %`);
-  if (kinds.length > 1) rows.push(["base", `${kinds.join(", ")} by its rim`]);
   at("numbers").replaceChildren(...rows.flatMap(([name, value]) => [make("dt", name), make("dd", value)]));
   at("notes").replaceChildren(...[...answer.sentences, ...answer.notes].map(each => make("li", each)));
   if (!answer.toppling) {
@@ -199,7 +208,7 @@ function showAnswer(answer) {
   at("plot").replaceChildren(polar(answer.toppling, before));
   const least = answer.toppling.reduce((a, b) => a.median_m_s2 < b.median_m_s2 ? a : b);
   at("least").replaceChildren("Least acceleration that topples it: ", make("b", `${least.low_m_s2.toFixed(2)} to ${least.high_m_s2.toFixed(2)} m/s²`),
-    ` (median ${least.median_m_s2.toFixed(2)}), of ground that accelerates toward ${least.azimuth_deg.toFixed(0)}°. Over all azimuths the interval is ${(100 * width(answer.toppling)).toFixed(0)} % of its median wide` + (before ? `, ${(100 * width(before)).toFixed(0)} % before (dashed).` : "."));
+    ` (median ${least.median_m_s2.toFixed(2)}), of ground that accelerates toward ${bearingOf(least.azimuth_deg)}. Over all azimuths the interval is ${(100 * width(answer.toppling)).toFixed(0)} % of its median wide` + (before ? `, ${(100 * width(before)).toFixed(0)} % before (dashed).` : "."));
 }
 
 function showCandidates(list) {
@@ -232,6 +241,7 @@ async function show(next) {
   showAnswer(state.answer);
   showCandidates(state.candidates);
   at("save").disabled = state.saving || !(state.current || busy);
+  at("why").textContent = !at("save").disabled || state.saving ? "" : state.error ? "Nothing to save: see the error above." : "Nothing to save yet: no scene came of these hints.";
   at("saved").textContent = state.saving ? "saving ..." : state.saved ? `Saved to ${state.target}, with hints.toml, by which the scan repeats.` : "";
   fillPlane();
   fillPlace();
@@ -248,7 +258,7 @@ function fillPlane(dragged) {
   const [height, slope, azimuth] = dragged ? dragged.slice(2) : [plane.point_m[2] + state.origin_m[2], ...slopeOf(plane.normal)];
   form.z.value = height.toFixed(3);
   form.slope.value = slope.toFixed(2);
-  form.azimuth.value = azimuth.toFixed(1);
+  form.azimuth.value = bearingOf(azimuth, 1);
 }
 
 function fillPlace() {
@@ -358,6 +368,15 @@ document.addEventListener("keydown", event => {
   event.preventDefault();
 });
 
+// The azimuth that a form's field says; where it says none, the field tells how to write one.
+function directionIn(form) {
+  const azimuth = azimuthOf(form.azimuth.value);
+  form.azimuth.setCustomValidity(azimuth === null ? "a bearing such as N40E, NNE or compass:40, or degrees counter-clockwise from east" : "");
+  form.azimuth.reportValidity();
+  return azimuth;
+}
+for (const name of ["pull", "plane"]) at(name).azimuth.oninput = event => event.target.setCustomValidity("");
+
 at("undo").onclick = undo;
 at("redo").onclick = redo;
 at("save").onclick = () => post("save", {}).catch(complain);
@@ -365,7 +384,9 @@ at("end").onclick = () => post("end", {}).catch(complain);
 at("pull").onsubmit = event => {
   event.preventDefault();
   const form = event.target;
-  add("pull", [+form.azimuth.value, +form.ratio.value]);
+  const azimuth = directionIn(form);
+  if (azimuth === null) return;
+  add("pull", [azimuth, +form.ratio.value]);
   form.reset();
 };
 at("base").kind.onchange = event => { add("base", event.target.value || null); event.target.blur(); };
@@ -381,8 +402,9 @@ at("place").onsubmit = event => {
 };
 at("plane").onsubmit = event => {
   event.preventDefault();
-  const form = event.target, { centre: [x, y] } = handles.plane;
-  add("plane", [+(x + state.origin_m[0]).toFixed(4), +(y + state.origin_m[1]).toFixed(4), +form.z.value, +form.slope.value, +form.azimuth.value]);
+  const form = event.target, { centre: [x, y] } = handles.plane, azimuth = directionIn(form);
+  if (azimuth === null) return;
+  add("plane", [+(x + state.origin_m[0]).toFixed(4), +(y + state.origin_m[1]).toFixed(4), +form.z.value, +form.slope.value, azimuth]);
   document.activeElement?.blur();
 };
 follow();

@@ -233,7 +233,8 @@ export class Stage {
         this.overlay.add(made);
       };
       this.outline = plane.outline_m;
-      if (plane.outline_m.length) line([...plane.outline_m, plane.outline_m[0]], "#0057b7", true);
+      for (const ring of [plane.outline_m, ...(plane.outlines || []).map(each => each.outline_m)])
+        if (ring.length) line([...ring, ring[0]], "#0057b7", true);
       this.plane = this.sheet(plane);
       this.plane.visible = Boolean(this.aims);
       this.overlay.add(this.plane);

@@ -44,7 +44,7 @@ def work(monkeypatch):
 
     made = SimpleNamespace(go=threading.Event(), splits=[], bases=[], reads=[], refused=set())
 
-    def work_out(cloud, note, near, hint, bootstrap, inspection):
+    def work_out(cloud, note, near, hint, inspection):
         made.splits.append(near)
         note("splitting")
         made.go.wait(30)
@@ -92,7 +92,7 @@ def written():
 def picking(work, written):
     cloud = Cloud(np.zeros((3, 3)), np.array([100.0, 200.0, 0.0]), np.zeros(3, np.int32), ())
     picking = Picking(
-        Placed(cloud, Placement()), work.read, 0, lambda survey, said: written.append(said), "rock", NEAR[0]
+        Placed(cloud, Placement()), work.read, lambda survey, said: written.append(said), "rock", NEAR[0]
     )
     thread = threading.Thread(target=picking.work, daemon=True)
     thread.start()
@@ -248,7 +248,6 @@ def test_what_is_kept_is_shown_at_once_and_takes_hints_on_the_base_only(work, wr
     picking = Picking(
         Placed(cloud, Placement()),
         work.read,
-        0,
         lambda survey, said: written.append(said),
         "rock",
         UserHints(),

@@ -20,7 +20,7 @@ def stump():
 def surveyed(stump):
     """What the survey makes of it, with few draws of the base."""
     with drawing_few():
-        return survey(stump[1], bootstrap=3)
+        return survey(stump[1])
 
 
 @pytest.fixture(scope="session")

@@ -52,7 +52,7 @@ def later(rock):
 @pytest.mark.thorough
 def test_a_later_hint_gives_the_scene_of_a_scan_with_it_from_the_start(stump, rock, later):
     pulls = tuple(map(tuple, read_hints(later / HINTS)["pull"]))
-    start = survey(stump[1], bootstrap=3, inspection=Inspection(pulls=pulls)).scene
+    start = survey(stump[1], inspection=Inspection(pulls=pulls)).scene
     assert described(later)["id"] == start.id != described(rock)["id"]
     assert described(later)["report"]["unseen_base"] == start.report["unseen_base"]
 

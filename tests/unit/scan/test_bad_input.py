@@ -41,9 +41,7 @@ def write(path, survey_points):
 def refusal(folder, files):
     """What a scan says that must fail and leave the folder as it was."""
     before = sorted(folder.rglob("*"))
-    done = CliRunner().invoke(
-        cli, ["scan", *map(str, files), "--out", str(folder / "scene"), "--bootstrap", "0"]
-    )
+    done = CliRunner().invoke(cli, ["scan", *map(str, files), "--out", str(folder / "scene")])
     assert isinstance(done.exception, InputError), done.output
     assert sorted(folder.rglob("*")) == before
     return done.exception

@@ -67,7 +67,7 @@ def test_a_block_on_feet_is_as_heavy_as_without_what_lies_between_them(feet_of, 
     block = Surfels(points, normals, np.zeros(len(points)), VOXEL_M)
     rock, pedestal = np.vstack([places for places, _ in feet_of(0.006)]), ground(True, feet_of is slabs)
     low, lit = near_the_interface(rock, pedestal, HEIGHT_M)
-    base = hidden_base(NearInterface(rock[low], pedestal[lit], HEIGHT_M), 0.8)
+    base = hidden_base(NearInterface(rock[low], pedestal[lit], HEIGHT_M))
     closed = close_rock(block, np.ones(len(block.points_m), bool), base, LEVEL)
     true_m3 = 4.0 * HALF_M**2 * (HEIGHT_M - CLEAR_M) + sole_m2 * CLEAR_M
     assert closed.rock.volume_m3 == pytest.approx(true_m3, rel=0.02)  # else 4 to 11 % more
@@ -77,8 +77,8 @@ def test_a_block_on_feet_is_as_heavy_as_without_what_lies_between_them(feet_of, 
 def test_one_sees_through_between_feet_alone(below):
     around, _ = sides_of(HALF_M, 0.02, 0.07, pitch_m=0.006)
     on_feet = np.vstack([points[points[:, 2] < 0.07] for points, _ in feet(0.006)])
-    assert hidden_base(NearInterface(around, ground(below), HEIGHT_M), 0.8).passage is None
-    assert (hidden_base(NearInterface(on_feet, ground(below), HEIGHT_M), 0.8).passage is not None) == below
+    assert hidden_base(NearInterface(around, ground(below), HEIGHT_M)).passage is None
+    assert (hidden_base(NearInterface(on_feet, ground(below), HEIGHT_M)).passage is not None) == below
 
 
 def test_a_rock_that_hangs_over_a_pedestal_seen_all_below_it_touches_nowhere():

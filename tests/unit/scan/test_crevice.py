@@ -52,6 +52,14 @@ def test_an_interface_given_through_the_rock_or_below_the_pedestal_is_refused(he
         judged(side(0.0, 2.0), sheet(0.0), level_at(height_m), given=True)
 
 
+def test_where_a_belly_hides_the_foot_or_the_pedestal_beside_it_nothing_is_judged():
+    high, ground = side(0.4, 2.0), sheet(0.0)
+    assert (judged(high, ground, level_at(0.0))[: len(high)] == ROCK).all()
+    far = ground[np.hypot(*ground.T[:2]) > 0.9]
+    low = side(0.0, 2.0)
+    assert (judged(low, far, level_at(0.0)) == np.repeat([ROCK, PEDESTAL], [len(low), len(far)])).all()
+
+
 def test_what_the_cut_took_off_the_rocks_foot_is_given_back_to_it():
     # The sheet is rough by 1 mm: what hangs 1 cm over it, at the rock's outline, is no pedestal.
     cut_off = side(0.01, 0.06)
@@ -84,7 +92,7 @@ def test_the_face_of_a_cliff_below_the_rock_stays_the_pedestals():
 
 def test_no_base_hangs_in_a_rim_that_was_not_seen():
     with refused("interface.too_few_points", "0"):
-        hidden_base(NearInterface(np.empty((0, 3)), sheet(0.0), HEIGHT_M), 0.8)
+        hidden_base(NearInterface(np.empty((0, 3)), sheet(0.0), HEIGHT_M))
 
 
 def test_fewer_points_than_have_six_neighbours_are_strays():

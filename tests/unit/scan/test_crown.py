@@ -52,7 +52,7 @@ def closed(name):
     own = label_surfels(surfels, cloud.points_m, cloud.label) == ROCK
     rock, pedestal = (cloud.points_m[cloud.label == each] for each in (ROCK, PEDESTAL))
     low, lit = near_the_interface(rock, pedestal, height_m)
-    base = hidden_base(NearInterface(rock[low], pedestal[lit], height_m), 0.8)
+    base = hidden_base(NearInterface(rock[low], pedestal[lit], height_m))
     return truth.rock, surfels.only(own), close_rock(surfels, own, base, PLANE)
 
 

@@ -41,9 +41,6 @@ def test_mass_properties_are_those_of_the_true_body(stump, surveyed):
 def test_the_stated_spread_covers_the_true_error(stump, surveyed):
     truth, found = stump[0], surveyed
     rock, true, spread = found.scene.rock, truth.rock, found.scene.report["uncertainty"]
-    assert spread["closed"] == 3
-    # Half samples alone say 0.01 %: the bias that they share is stated as a floor.
-    assert min(spread["com_std_m"]) >= spread["bias"]["com_per_height"] * 0.99 * true.height_m
     # Three standard deviations: one true shape in four hundred may lie outside, and this one is seeded.
     assert (np.abs(rock.com_m - true.com_m) < 3 * np.array(spread["com_std_m"])).all()
     assert abs(rock.volume_m3 - true.volume_m3) < 3 * spread["volume_std_m3"]
@@ -100,7 +97,7 @@ def test_a_scene_that_is_not_whole_or_whose_content_has_another_id_is_refused(tm
 @pytest.mark.slow
 def test_the_same_cloud_gives_the_same_scene(stump, surveyed):
     cloud, found = stump[1], surveyed
-    assert survey(cloud, bootstrap=3).scene.id == found.scene.id
+    assert survey(cloud).scene.id == found.scene.id
 
 
 @pytest.fixture(scope="module")

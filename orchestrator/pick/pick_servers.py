@@ -40,7 +40,7 @@ def pick_server(
     refuse_existing(out)
     known = inspection_of(given["contact"], **making.of_base(given))
     hint = hint_of(outline=given["outline"])
-    said = UserHints.of({
+    user_hints = UserHints.of({
         "units": given["units"],
         "up": given["up"],
         "length": given["length"] and [list(place) for place in given["length"][:2]] + [given["length"][2]],
@@ -50,29 +50,32 @@ def pick_server(
         "outline": [] if hint is None else hint.anchors_m.tolist(),
         **making.hints_on_base(known),
     })  # fmt: skip
-    said.hint()
+    user_hints.hint()
     surveyed = cast(CloudHints, {name: given[name] for name in OF_READING if name not in _OF_THE_PAGE})
     mine = False
 
-    def write(survey: Survey, said: UserHints) -> None:
+    def write(survey: Survey, user_hints: UserHints) -> None:
         nonlocal mine
         notes = making.written(
-            survey, out, making.stated_hints({**said.hints(), **surveyed}, said.inspection()), replaces=mine
+            survey,
+            out,
+            making.stated_hints({**user_hints.hints(), **surveyed}, user_hints.inspection()),
+            replaces=mine,
         )
         mine = True
         saved(making.Scanned(survey.scene, out, notes))
 
-    def read(said: UserHints) -> Placed:
-        hints = cast(CloudHints, {**said.hints(), **surveyed})
+    def read(user_hints: UserHints) -> Placed:
+        hints = cast(CloudHints, {**user_hints.hints(), **surveyed})
         return Placed(making.placed_cloud(files, hints)[0], making.placed_by(hints)[0])
 
     try:
-        placed = read(said)
+        placed = read(user_hints)
     except InputError:
         # A model with another up axis or unit is shown unchanged, so that the page can place it.
         as_it_is = Placement(says_up=True, says_scale=True)
         placed = Placed(read_clouds(files, None, as_it_is), as_it_is, refused=True)
-    return PickServer(Picking(placed, read, write, str(out), said), port)
+    return PickServer(Picking(placed, read, write, str(out), user_hints), port)
 
 
 def again_server(
@@ -94,7 +97,7 @@ def again_server(
     before = WorkedOut.read(scene)
     looked = inspection_of(given["contact"], **making.of_base(given))
     stored = before.with_hints(looked)
-    said = UserHints.of(making.hints_on_base(stored.inspection))
+    user_hints = UserHints.of(making.hints_on_base(stored.inspection))
     cloud, label = stored.cloud()
     # The folder's results belong to its hints, unless further hints are given.
     nothing_new = looked.says_nothing and not looked.touch_only
@@ -114,8 +117,8 @@ def again_server(
             lambda _: Placed(cloud, Placement()),
             write,
             str(out or scene),
-            said,
-            Answer(said, stored, label, (), survey),
+            user_hints,
+            Answer(user_hints, stored, label, (), survey),
         ),
         port,
     )

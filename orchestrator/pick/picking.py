@@ -38,7 +38,7 @@ class _SupersededError(Exception):
 class Answer:
     """Results of hints."""
 
-    said: UserHints
+    user_hints: UserHints
     worked: WorkedOut
     label: NDArray[np.int8]  # (n,): 0 rock, 1 pedestal, 2 neither
     notes: tuple[str, ...]
@@ -74,7 +74,7 @@ class Picking:
     read: reads the clouds as placed by hints.
     write: writes a survey with its hints.
     target: output folder, for display.
-    said: initial hints.
+    user_hints: initial hints.
     kept: stored results of the initial hints, whose reduced cloud is not split again.
     """
 
@@ -84,12 +84,12 @@ class Picking:
         read: _Read,
         write: _Write,
         target: str,
-        said: UserHints,
+        user_hints: UserHints,
         kept: Answer | None = None,
     ) -> None:
         self._read, self._write, self._target = read, write, target
         self._placed = placed
-        self._placed_by = None if placed.refused else said.of_the_cloud
+        self._placed_by = None if placed.refused else user_hints.of_the_cloud
         self._apart = Apart()
         self._folder = tempfile.TemporaryDirectory(prefix="toppling-pick-")
         self._stored: apart.Stored | None = None
@@ -97,21 +97,21 @@ class Picking:
         self._stage = "reading"
         self._changed = threading.Condition()
         self._number = 1
-        self._said = said
+        self._user_hints = user_hints
         self._wanted, self._working, self._done = 1, 0, 0
         self._saving, self._saved, self._ended = False, 0, False
         self._kept, self._answer = kept, kept
         self._drawn: dict[UserHints, Answer] = {}  # results of the current split, for undoing hints
         if kept is not None and kept.survey is not None:
-            self._drawn[said] = kept
+            self._drawn[user_hints] = kept
         self._candidates: list[dict[str, Any]] | None = None if kept is None else tops(kept.worked)
         self.view = view_of(placed.cloud.points_m, None if kept is None else kept.label, 0)
 
     # Requests of a page, from any thread.
 
-    def say(self, said: UserHints) -> None:
+    def say(self, user_hints: UserHints) -> None:
         """Replace all hints."""
-        self._set(_said=said, _wanted=self._wanted + 1, _error=None)
+        self._set(_user_hints=user_hints, _wanted=self._wanted + 1, _error=None)
 
     def save(self) -> None:
         """Write the scene, once it is drawn."""
@@ -137,7 +137,7 @@ class Picking:
     def state(self) -> dict[str, Any]:
         """State without the points, for JSON."""
         with self._changed:
-            answer, view, cloud, length = self._answer, self.view, self._known, self._said.length
+            answer, view, cloud, length = self._answer, self.view, self._known, self._user_hints.length
             state: dict[str, Any] = {
                 "number": self._number,
                 "origin_m": cloud.origin_m.tolist(),
@@ -146,7 +146,7 @@ class Picking:
                 "units": list(METRES),
                 "kinds": KINDS,
                 "placed": self._kept is not None or self._placed.placement.by.startswith("--gcp"),
-                "hints": dataclasses.asdict(self._said),
+                "hints": dataclasses.asdict(self._user_hints),
                 "ends_m": None if length is None else self._placed.metres(np.array(length[:2])).tolist(),
                 "stage": self._stage,
                 "error": self._error,
@@ -154,7 +154,9 @@ class Picking:
                 "saving": self._saving,
                 "saved": self._saved,
                 "target": self._target,
-                "current": answer is not None and answer.said == self._said and answer.survey is not None,
+                "current": answer is not None
+                and answer.user_hints == self._user_hints
+                and answer.survey is not None,
                 "answer": None,
             }
         if answer is not None:
@@ -176,10 +178,10 @@ class Picking:
                     self._changed.wait_for(lambda: self._ended or self._saving or self._done != self._wanted)
                     if self._ended:
                         return
-                    self._working, said = self._wanted, self._said
+                    self._working, user_hints = self._wanted, self._user_hints
                     stale = self._done != self._working
                 try:
-                    self._follow(said) if stale else self._store()
+                    self._follow(user_hints) if stale else self._store()
                     error = None
                 except (_SupersededError, EndedError):
                     continue
@@ -192,23 +194,23 @@ class Picking:
                         found = self._apart.do(lambda _: None, apart.look_around, self._cloud_apart())
                         self._set(_candidates=found)
 
-    def _follow(self, said: UserHints) -> None:
+    def _follow(self, user_hints: UserHints) -> None:
         """Compute the results of hints, as far as they change."""
-        inspection = said.inspection()
-        said.hint()  # an invalid interface is refused first
-        if self._placed_by != said.of_the_cloud:
-            self._place(said)
+        inspection = user_hints.inspection()
+        user_hints.hint()  # an invalid interface is refused first
+        if self._placed_by != user_hints.of_the_cloud:
+            self._place(user_hints)
         answer = self._answer
-        if answer is None or answer.said.of_the_split != said.of_the_split:
-            answer = self._split(said)
-        if said not in self._drawn:
+        if answer is None or answer.user_hints.of_the_split != user_hints.of_the_split:
+            answer = self._split(user_hints)
+        if user_hints not in self._drawn:
             worked = dataclasses.replace(answer.worked, inspection=inspection)
             scene, kept = self._apart.do(self._note, apart.draw, worked)
             survey = Survey(scene, answer.label, answer.notes, kept)
-            self._drawn[said] = Answer(said, kept, answer.label, answer.notes, survey)
-        self._set(_answer=self._drawn[said])
+            self._drawn[user_hints] = Answer(user_hints, kept, answer.label, answer.notes, survey)
+        self._set(_answer=self._drawn[user_hints])
 
-    def _split(self, said: UserHints) -> Answer:
+    def _split(self, user_hints: UserHints) -> Answer:
         """Split the cloud by hints, and update the view."""
         if self._kept is not None:
             raise InputError(
@@ -218,13 +220,13 @@ class Picking:
                 expected="hints on the base: touch, daylight, pull",
                 remedy="take the hint back, or scan the clouds with --pick and --hints, the scene's hints.toml",
             )
-        near = None if said.near is None else (said.near[0], said.near[1])
-        hints = near, said.hint(), said.inspection()
+        near = None if user_hints.near is None else (user_hints.near[0], user_hints.near[1])
+        hints = near, user_hints.hint(), user_hints.inspection()
         registered, worked, label, notes, view = self._apart.do(
             self._note, apart.split, self._cloud_apart(), *hints, self.view.number + 1
         )
         self._placed = dataclasses.replace(self._placed, cloud=registered.cloud())
-        answer = Answer(said, worked, label, notes)
+        answer = Answer(user_hints, worked, label, notes)
         self._drawn.clear()
         self._set(_answer=answer, view=view, _candidates=self._candidates or tops(worked))
         return answer
@@ -237,14 +239,14 @@ class Picking:
             self._placed = dataclasses.replace(self._placed, cloud=self._stored.cloud())
         return self._stored
 
-    def _place(self, said: UserHints) -> None:
+    def _place(self, user_hints: UserHints) -> None:
         """Read the clouds with new placement hints; all former results become invalid."""
         self._note("reading")
-        placed = self._read(said)
+        placed = self._read(user_hints)
         self._drawn.clear()
         self._set(
             _placed=placed,
-            _placed_by=said.of_the_cloud,
+            _placed_by=user_hints.of_the_cloud,
             _stored=None,
             _answer=None,
             _candidates=None,
@@ -254,7 +256,7 @@ class Picking:
     def _store(self) -> None:
         """Write the scene of the latest hints."""
         answer = self._answer
-        if answer is None or answer.survey is None or answer.said != self._said:
+        if answer is None or answer.survey is None or answer.user_hints != self._user_hints:
             raise InputError(
                 "pick.no_scene",
                 "of these hints came no scene",
@@ -263,7 +265,7 @@ class Picking:
                 remedy="undo the last hint, or give others",
             )
         self._note("writing")
-        self._write(answer.survey, answer.said)
+        self._write(answer.survey, answer.user_hints)
         self._saved += 1
 
     @property

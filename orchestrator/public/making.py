@@ -172,7 +172,7 @@ def scan_again(
 
 
 def written_again(
-    scene: Path, out: Path | None, drawn: Scene, kept: WorkedOut, replaces: bool = False
+    scene: Path, out: Path | None, drawn: Scene, stored: WorkedOut, replaces: bool = False
 ) -> Scanned:
     """Write a scene with a newly drawn base in place of the former scene, or to another folder.
 
@@ -182,11 +182,11 @@ def written_again(
     draw, notes = _pictured(drawn)
     target = scene if out is None else out
     with (replaced_folder if replaces or out is None else new_folder)(target) as staging:
-        kept.write(staging / WORKED_OUT)
+        stored.write(staging / WORKED_OUT)
         if (scene / LABELS).exists():
             shutil.copy2(scene / LABELS, staging)
         drawn.write_into(staging)
-        write_hints(staging / HINTS, stated_hints(kept.said, kept.inspection))
+        write_hints(staging / HINTS, stated_hints(stored.said, stored.inspection))
         draw(staging)
     return Scanned(drawn, target, notes)
 

@@ -269,11 +269,11 @@ class _Answer:
         single = exclusion.toppled(there, self.rock.curve, exclusion.one_event(0.5))
         return float(np.interp(trace.magnitude, self.at_traces.magnitude, single))
 
-    def _at_reference(self, one: exclusion.Occurrence) -> dict[str, float]:
+    def _at_reference(self, case: exclusion.Occurrence) -> dict[str, float]:
         """Probability of toppling at the reference, and what it would be with a site term drawn in each earthquake."""
         anew = replace(self.reference, site_term=0.0)
-        found = (exclusion.toppled(grid, self.rock.curve, one) for grid in (self.reference, anew))
-        return dict(zip(("topples", "topples_ergodic"), (float(each[0]) for each in found), strict=True))
+        found = (exclusion.toppled(grid, self.rock.curve, case) for grid in (self.reference, anew))
+        return dict(zip(("topples", "topples_ergodic"), (float(value[0]) for value in found), strict=True))
 
     def statement(self) -> dict[str, Any]:
         """Statement for JSON; null where nothing, or everything, is excluded."""
@@ -361,9 +361,9 @@ def _words(statement: dict[str, Any]) -> str:
             "set it right."
         )
     lines += [
-        f"With {one['option']} {one['value']} instead of {one['instead_of']}, {at}: median times "
-        f"{one['median_factor']:.3f}, sigma {one['sigma']:.3f} instead of {one['sigma_before']:.3f}."
-        for one in statement["effects"]
+        f"With {effect['option']} {effect['value']} instead of {effect['instead_of']}, {at}: median times "
+        f"{effect['median_factor']:.3f}, sigma {effect['sigma']:.3f} instead of {effect['sigma_before']:.3f}."
+        for effect in statement["effects"]
     ]
     if statement["without_site_term"]:
         lines.append(

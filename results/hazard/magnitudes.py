@@ -125,7 +125,7 @@ def motion_grid(
 
 def reference_grid(models: Sequence[GroundMotionModel], grid: MotionGrid) -> MotionGrid:
     """Motions at `REFERENCE` with the weights and site term of a grid."""
-    mean, sigma = np.swapaxes([one.motion([REFERENCE[0]], [REFERENCE[1]]) for one in models], 0, 1)
+    mean, sigma = np.swapaxes([model.motion([REFERENCE[0]], [REFERENCE[1]]) for model in models], 0, 1)
     return replace(grid, mean=mean, sigma=sigma)
 
 
@@ -143,9 +143,9 @@ def effects(models: Sequence[GroundMotionModel], grid: MotionGrid) -> list[dict[
     for name, (option, value) in changed.items():
         if (given := getattr(models[0], name)) == value:
             continue
-        after = reference_grid([replace(one, **{name: value}) for one in models], grid)
+        after = reference_grid([replace(model, **{name: value}) for model in models], grid)
         factor = math.exp(float(grid.weights @ (after.mean - before.mean)[:, 0]))
-        sigma, sigma_before = (float(grid.weights @ one.sigma[:, 0]) for one in (after, before))
+        sigma, sigma_before = (float(grid.weights @ at.sigma[:, 0]) for at in (after, before))
         if (factor, sigma) != (1.0, sigma_before):
             found.append({
                 "option": option, "value": value or "estimated by the model", "instead_of": given,
@@ -243,13 +243,15 @@ def excluded_bins(
     the deaggregated hazard), topples (probability that one such earthquake topples the rock), excluded, beyond_models
     (whether it was clipped to the models' range). The largest contribution first.
     """
-    known = [one for one in bins if one.contribution > 0]
-    magnitude = np.array([math.fsum(one.magnitude) / 2 for one in known])
-    distance = np.array([math.fsum(one.distance_km) / 2 for one in known])
-    share = np.array([one.contribution for one in known])
-    within = [(np.clip(magnitude, *one.magnitudes), np.clip(distance, *one.distances_km)) for one in models]
+    known = [bin_ for bin_ in bins if bin_.contribution > 0]
+    magnitude = np.array([math.fsum(bin_.magnitude) / 2 for bin_ in known])
+    distance = np.array([math.fsum(bin_.distance_km) / 2 for bin_ in known])
+    share = np.array([bin_.contribution for bin_ in known])
+    within = [
+        (np.clip(magnitude, *model.magnitudes), np.clip(distance, *model.distances_km)) for model in models
+    ]
     beyond = np.any([(m != magnitude) | (r != distance) for m, r in within], axis=0)
-    mean, sigma = np.swapaxes([one.motion(*pair) for one, pair in zip(models, within, strict=True)], 0, 1)
+    mean, sigma = np.swapaxes([model.motion(*pair) for model, pair in zip(models, within, strict=True)], 0, 1)
     there = replace(grid, mean=mean, sigma=sigma)
     topples = toppled(there, fragility, one_event(0.5))
     tables = [

@@ -203,7 +203,7 @@ class Update:
     @property
     def decided(self) -> dict[str, float | None]:
         """Effective number of branches before and after the update, mean survival, and inconsistent prior weight."""
-        prior, gone = self.events.prior, self.inconsistent
+        prior, out = self.events.prior, self.inconsistent
         return {
             "branches": len(prior),
             "effective_branches_prior": effective_number(prior),
@@ -211,8 +211,8 @@ class Update:
             if self.posterior is None
             else effective_number(self.posterior),
             "survival_mean_of_branches": float(prior @ self.survival),
-            "weight_inconsistent": float(prior[gone].sum()),
-            "branches_inconsistent": int(gone.sum()),
+            "weight_inconsistent": float(prior[out].sum()),
+            "branches_inconsistent": int(out.sum()),
         }
 
     @property

@@ -21,6 +21,25 @@ _OPEN_AT_ONCE = os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC
 _LINE_END = re.compile(rb"[\n\r]")
 
 
+_NO_TEXTS = (
+    (rb"PK\x03\x04(?=[\s\S]{0,4000}(?:xl/|Content_Types))", "a spreadsheet", "save its sheet as CSV"),
+    (rb"PK\x03\x04|\x1f\x8b|BZh|\xfd7zXZ|7z\xbc\xaf|Rar!", "a packed archive", "unpack it first"),
+    (
+        rb"\x89HDF|MATLAB|\x93NUMPY|PAR1|ARROW1|#ASDF",
+        "a file of arrays",
+        "export it as text, in named columns",
+    ),
+    (rb"%PDF|\xff\xd8\xff|\x89PNG", "a document or picture", "give its numbers as text"),
+)
+"""Beginnings of files that hold no text: what they are, and what to give instead."""
+
+
+def other_kind(head: bytes, more: tuple[tuple[bytes, str, str], ...] = ()) -> tuple[str, str] | None:
+    """What a file is by its beginning, and what to give instead, where it holds no text or something more."""
+    kinds = (kind for kind in (*_NO_TEXTS, *more) if re.match(kind[0], head, re.IGNORECASE))
+    return next(((what, remedy) for _, what, remedy in kinds), None)
+
+
 class UnopenedError(InputError, OSError):
     """A file that the system does not open, which is no fault of what it holds; with the system's errno."""
 

@@ -1,13 +1,12 @@
 """Which reader a file needs, by its first bytes."""
 
 import math
-import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
 from toppling.models.errors import InputError
-from toppling.models.files.given import bytes_given
+from toppling.models.files.given import bytes_given, other_kind
 from toppling.models.files.text_file import HEAD_BYTES, text_of
 from toppling.models.motions.formats import columns, cosmos, geonet, peer, seismic, smc, volumes
 from toppling.models.motions.formats.component import (
@@ -36,20 +35,10 @@ class Reader(Protocol):
 
 _TEXT_FORMATS: tuple[Reader, ...] = (peer, geonet, cosmos, smc, volumes, esm, unam, cwb, columns)
 """In the order in which they are tried."""
-_UNPACK = "unpack it first, and give the records in it"
-_EXPORT = "export the record as text: time and acceleration in columns under their names with units"
 _NO_RECORDS = (
-    (rb"PK\x03\x04(?=[\s\S]{0,4000}(?:xl/|Content_Types))", "a spreadsheet", "save its sheet as CSV"),
-    (rb"PK\x03\x04|\x1f\x8b|BZh|\xfd7zXZ|7z\xbc\xaf|Rar!", "a packed archive", _UNPACK),
-    (
-        rb"\x89HDF|MATLAB|\x93NUMPY|PAR1|ARROW1|#ASDF",
-        "a file of arrays (HDF5, ASDF, MATLAB, NumPy, Parquet, Feather)",
-        _EXPORT,
-    ),
     (rb"\s*<!doctype html|\s*<html", "a web page, such as of a login", "fetch the record itself again"),
     (rb"\s*<\?xml|\s*<", "XML other than StationXML", "give the record, or the StationXML of its station"),
-    (rb"%PDF|\xff\xd8\xff|\x89PNG", "a document or picture", "give the record's file"),
-    (rb"\s*[{\[]", "JSON", _EXPORT),
+    (rb"\s*[{\[]", "JSON", "export the record as text: time and acceleration in columns"),
 )
 """Beginnings of files that are no records: what they are, and what to give instead."""
 _LARGEST_BYTES = 500_000_000
@@ -76,9 +65,8 @@ def read_file(path: Path, inventory: Any | None = None) -> list[Component]:
     del content, text
     found = seismic.read(path, inventory)
     if found is None:
-        for beginning, what, remedy in _NO_RECORDS:
-            if re.match(beginning, head, re.IGNORECASE):
-                refuse_file("record.format_not_read", path, f"the file is {what}", remedy=remedy)
+        if other := other_kind(head, _NO_RECORDS):
+            refuse_file("record.format_not_read", path, f"the file is {other[0]}", remedy=other[1])
         names = ", ".join(reader.NAME for reader in _TEXT_FORMATS)
         remedy = "convert the file to columns under names such as 'Time (s),NS (cm/s2),EW (cm/s2),UD (cm/s2)'"
         refuse_file("record.format_unknown", path, "the format is not known",

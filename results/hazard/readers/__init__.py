@@ -5,8 +5,8 @@ from pathlib import Path
 from types import ModuleType
 
 from toppling.models.errors import InputError
-from toppling.models.files.given import bytes_given, open_given
-from toppling.models.files.text_file import text_of
+from toppling.models.files.given import bytes_given, open_given, other_kind
+from toppling.models.files.text_file import HEAD_BYTES, text_of
 from toppling.results.hazard.readers import (
     cybershake,
     nrml,
@@ -29,16 +29,6 @@ _MOST_BYTES = 200_000_000
 
 _MOST_HEAD_LINES = 30
 """Of a file of a folder, among which its header is looked for."""
-
-_BINARY = {
-    b"\x89HDF": ("is HDF5, as OpenQuake's datastore is", nrml.EXPORT),
-    b"\x89PNG": ("is a picture", "give its numbers as CSV"),
-    b"PAR1": ("is Parquet", "save its table as CSV"),
-    b"ARROW1": ("is a file of Arrow", "save its table as CSV"),
-    b"%PDF": ("is a document", "copy its table into a file of text"),
-    b"PK\x03\x04": ("is an archive or a spreadsheet", "unpack it, or save the sheet as CSV"),
-}
-"""Beginnings of files that are no tables: what they are, and what to give instead."""
 
 _DIALECTS: dict[str, tuple[ModuleType, ...]] = {
     "json": (nshmp,),
@@ -108,7 +98,7 @@ def _stated(path: Path, hints: Hints) -> list[Stated]:
         for file, other in others:
             file.refuse("hazard.other_output", *other)
         for one in path.glob("*.hdf5"):
-            refuse("file.binary", one, *_BINARY[b"\x89HDF"])
+            refuse("file.binary", one, "is HDF5, as OpenQuake's datastore is", nrml.EXPORT)
         refuse("hazard.no_file", path, f"holds no file of hazard among {len(files)} of text",
             "give the folder with the curves")  # fmt: skip
     return found
@@ -116,8 +106,9 @@ def _stated(path: Path, hints: Hints) -> list[Stated]:
 
 def _text(path: Path) -> str:
     content = bytes_given(path, refused, _MOST_BYTES)
-    if binary := next((what for mark, what in _BINARY.items() if content.startswith(mark)), None):
-        refuse("file.binary", path, *binary)
+    if other := other_kind(content[:HEAD_BYTES]):
+        remedy = nrml.EXPORT if content.startswith(b"\x89HDF") else other[1]
+        refuse("file.binary", path, f"is {other[0]}", remedy)
     text = text_of(content)
     return refuse("file.not_text", path, "is no text") if text is None else text
 

@@ -6,6 +6,7 @@ Site, run, period and component stand in the file's name only: USC_ERF36_Run9306
 import re
 from collections.abc import Sequence
 
+from toppling.models.files.table import Table
 from toppling.results.hazard.measure_names import imt_of, measure_of
 from toppling.results.hazard.readers.stated import HazardFile, Statement
 
@@ -44,21 +45,14 @@ def read(file: HazardFile) -> list[Statement]:
 
 
 def _first_curve(file: HazardFile, lines: Sequence[str]) -> list[tuple[float, float]]:
-    """Points below the first name that says CyberShake, or below the first name."""
+    """Points below the first name that contains CyberShake, or below the first name."""
     heads = [index for index, line in enumerate(lines) if line.replace(" ", "").startswith("#Name:")]
     own = [index for index in heads if re.search(r"CS Run|CyberShake", lines[index])]
     start = (own or heads or [0])[0]
-    points: list[tuple[float, float]] = []
-    for index in range(start + 1, len(lines)):
-        cells = lines[index].split()
-        if not cells or cells[0].startswith("#"):
-            if points:
-                break
-            continue
-        if len(cells) != 2:
-            file.refuse("hazard.row_unreadable",
-                f"line {index + 1} has {len(cells)} values, level and probability are expected")  # fmt: skip
-        points.append((file.number(index + 1, cells[0]), file.number(index + 1, cells[1])))
-    if not points:
+    stop = next((index for index in heads if index > start), len(lines))
+    rows = Table.of([*[""] * (start + 1), *lines[start + 1 : stop]], file.path).rows
+    if other := next((at for at, row in rows if len(row) != 2), None):
+        file.refuse("hazard.row_unreadable", f"line {other + 1} is no level and probability")
+    if not rows:
         file.refuse("hazard.no_curve", "holds no curve")
-    return points
+    return [(file.number(at + 1, level), file.number(at + 1, value)) for at, (level, value) in rows]

@@ -28,8 +28,8 @@ BACK_WITHIN_S = 120.0
 """Time within which a lost external scheduler may be restarted, s."""
 
 _UNREACHABLE = (errno.EHOSTUNREACH, errno.ENETUNREACH, errno.ENETDOWN, errno.EHOSTDOWN, errno.EADDRNOTAVAIL)
-_LOOK_S, _WAIT_S, _WARN_AFTER_S = 0.1, 1.0, 60.0
-"""Times, s: between looks for a first worker, between attempts at a check, and without workers before a warning."""
+_LOOK_S, _WAIT_S = 0.1, 1.0
+"""Interval between attempts at a check, and timeout of a wait for the first worker, s."""
 
 
 def may_be_lost(error: BaseException) -> bool:

@@ -33,7 +33,7 @@ _RESUBMIT_PAUSE_S, _RESUBMIT_TIMEOUT_S = 10.0, 30.0
 
 CLOSED = "--no-dashboard --dashboard-address 127.0.0.1:0"
 """Options of a Dask worker without dashboard, which has no authentication."""
-_SAID_AFTER_S = 60.0
+_WARN_AFTER_S = 60.0
 """Time without workers before a warning, s."""
 
 
@@ -72,7 +72,7 @@ class ClusterSupervisor:
         self._listed = -math.inf
         self._in_vain = 0
         self._all_there = self._worked = time.monotonic()
-        self._said = False
+        self._warned = False
 
     def look(self, work_left_s: float, at_hand: int) -> None:
         """Adapt the size to the remaining work (of one process) and the batches in flight; resubmit batch jobs.
@@ -81,7 +81,7 @@ class ClusterSupervisor:
         """
         if isinstance(self._cluster, LocalWorkers) and (why := self._cluster.fatal):
             raise RunError(f"worker processes die as they start: {why}")
-        self._tell_absence()
+        self._warn_of_absence()
         if adaptive := _ADAPTIVE.get(self._cluster) if isinstance(self._cluster, SpecCluster) else None:
             adaptive.work_left_s, adaptive.at_hand = work_left_s, at_hand
         if not self.gone():
@@ -89,18 +89,18 @@ class ClusterSupervisor:
         elif time.monotonic() - self._all_there > _RESUBMIT_PAUSE_S:
             self.resubmit()
 
-    def _tell_absence(self) -> None:
+    def _warn_of_absence(self) -> None:
         if self._client.nthreads():
-            self._worked, self._said = time.monotonic(), False
-        elif not self._said and time.monotonic() - self._worked >= _SAID_AFTER_S:
-            self._said = True
+            self._worked, self._warned = time.monotonic(), False
+        elif not self._warned and time.monotonic() - self._worked >= _WARN_AFTER_S:
+            self._warned = True
             address = getattr(self._client.scheduler, "address", "the scheduler")
             remedy = "look at the queue of the batch system and at the logs of its jobs"
             if self._cluster is None:
                 remedy = f"start some with 'dask worker {address} --nthreads 1 {CLOSED}'"
             elif isinstance(self._cluster, LocalWorkers):
                 remedy = "they may still compile; run.log has the reason of each death"
-            log.warning("no worker has joined for %g s at %s: %s", _SAID_AFTER_S, address, remedy)
+            log.warning("no worker has joined for %g s at %s: %s", _WARN_AFTER_S, address, remedy)
 
     def replace(self, workers: Sequence[str]) -> None:
         """Restart workers that hang, without waiting for it."""

@@ -1,7 +1,7 @@
 """Scenes and motions, independent of engines and clusters."""
 
 __all__ = [
-    "arrays", "bearings", "compiled", "contact", "errors", "frames", "kept",
+    "arrays", "bearings", "compiled", "contact", "described", "errors", "frames", "kept",
     "lengths", "matplotlib_alone", "numba_alone", "openquake", "pedestal", "proportions", "relief", "scene", "settling",
     "shapes", "spelling", "statics", "trajectory",
 ]  # fmt: skip

@@ -9,7 +9,7 @@ WINDS = ("N", "NNE", "NE", "ENE", "E", "ESE", "SE", "SSE", "S", "SSW", "SW", "WS
 _QUADRANT = re.compile(r"([NS])\s*(\d+(?:\.\d*)?)\s*°?\s*([EW])", re.IGNORECASE)
 
 
-def azimuth_of(text: str) -> float:
+def azimuth_of(text: str | float) -> float:
     """Parse a direction to an azimuth, degrees counter-clockwise from east.
 
     text: an azimuth (`50`), a compass bearing (`compass:40`), a quadrant bearing (`N40E`) or a compass point (`NNE`).
@@ -20,7 +20,7 @@ def azimuth_of(text: str) -> float:
     >>> azimuth_of("50"), azimuth_of("compass:40"), azimuth_of("N40E"), azimuth_of("S30W"), azimuth_of("NW")
     (50.0, 50.0, 50.0, 240.0, 135.0)
     """
-    stated = text.strip()
+    stated = str(text).strip()
     bearing: float | None = None
     try:
         if stated.lower().startswith("compass:"):

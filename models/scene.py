@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from toppling.models.arrays import Array
+from toppling.models.bearings import azimuth_of
 from toppling.models.contact import ContactProperties
+from toppling.models.described import Described
 from toppling.models.errors import check_positive, refusals
 from toppling.models.files import digest
 from toppling.models.files.documents import finite, shown
@@ -42,8 +44,8 @@ _scene_error = refusals(
 )
 
 
-@dataclass(frozen=True, eq=False)
-class Scene:
+@dataclass(frozen=True, eq=False, repr=False)
+class Scene(Described):
     """A rock on its pedestal.
 
     Local frame: x east, y north, z up, metres. The rock's mesh is in its pose at the start.
@@ -76,6 +78,16 @@ class Scene:
         unseen = self.unseen
         if unseen is not None and unseen.nominal is not None and self.rock.feet_m is None:
             object.__setattr__(self, "rock", unseen.on_feet_of(self.rock, self.pedestal, unseen.nominal))
+
+    def _facts(self) -> dict[str, object]:
+        contact, plane = self.contact, self.pedestal
+        return {
+            "height": f"{self.rock.height_m:.3g} m",
+            "volume": f"{self.rock.volume_m3:.3g} m³",
+            "interface dips": f"{plane.slope_deg:.3g}° toward azimuth {plane.downhill_azimuth_deg:.3g}°",
+            "friction": f"{contact.friction_static:g} static, {contact.friction_kinetic:g} kinetic",
+            "drawn bases": 0 if self.unseen is None else len(self.unseen),
+        }
 
     @classmethod
     def block(
@@ -116,7 +128,7 @@ class Scene:
         friction: float | Sequence[float] = 0.8,
         restitution: float = 0.0,
         slope_deg: float = 0.0,
-        slope_azimuth_deg: float = 0.0,
+        slope_azimuth_deg: float | str = 0.0,
         gravity: float = STANDARD_GRAVITY_M_S2,
         pedestal: MeshLike | None = None,
         refine: bool = False,
@@ -135,8 +147,8 @@ class Scene:
             As for :meth:`block`.
         slope_deg : float
             Slope of the plane, 0 to below 90 degrees.
-        slope_azimuth_deg : float
-            Azimuth toward which the plane falls.
+        slope_azimuth_deg : float or str
+            Azimuth or bearing toward which the plane falls.
         pedestal : as mesh, optional
             The surface below and around the rock, in the rock's frame; the rock is shifted vertically until it touches.
         refine : bool
@@ -152,7 +164,7 @@ class Scene:
             If the file cannot be read as a mesh, the mesh is not one closed body or not of a rock's height, the plane
             is invalid, or the rock does not stand on the surface.
         """
-        plane = Pedestal.sloping(slope_deg, slope_azimuth_deg)
+        plane = Pedestal.sloping(slope_deg, azimuth_of(slope_azimuth_deg))
         rock, origin = rock_of(mesh, units)
         rock = refined(rock) if refine else rock
         contact = ContactProperties.of(friction, restitution)
@@ -220,8 +232,10 @@ class Scene:
         smooth = self.rounded_base is not None and self.rounded_base.rolls
         return grounded_body(self.rock, self.pedestal, self.gravity_m_s2, friction, smooth)
 
-    def quasi_static_toppling_m_s2(self, azimuths_deg: Iterable[float]) -> list[tuple[float, float]]:
-        """Least constant horizontal ground acceleration that topples the rock, by its azimuth.
+    def quasi_static_toppling_m_s2(
+        self, ground_accelerates_toward_deg: Iterable[float | str]
+    ) -> list[tuple[float, float]]:
+        """Least constant horizontal ground acceleration that topples the rock, by azimuths or bearings such as "N40E".
 
         On a plane without slip (:mod:`toppling.models.statics`, for a rounded base
         :mod:`toppling.models.rounded.base`); on a surface the largest with an equilibrium within friction cones, in
@@ -229,14 +243,14 @@ class Scene:
 
         Returns
         -------
-        list of (azimuth_deg, acceleration_m_s2)
+        list of (ground_accelerates_toward_deg, acceleration_m_s2)
         """
+        azimuths = [azimuth_of(each) for each in ground_accelerates_toward_deg]
         if (rolling := self.rolling_body) is not None:
-            azimuths = np.array([float(azimuth) for azimuth in azimuths_deg])
-            return list(zip(azimuths.tolist(), rolling.toppling_m_s2(azimuths).tolist(), strict=True))
+            return list(zip(azimuths, rolling.toppling_m_s2(np.array(azimuths)).tolist(), strict=True))
         if self.ground.is_plane:
-            return quasi_static_toppling_m_s2(self.rock, self.pedestal, self.gravity_m_s2, azimuths_deg)
-        return self.grounded.quasi_static_toppling_m_s2([float(azimuth) for azimuth in azimuths_deg])
+            return quasi_static_toppling_m_s2(self.rock, self.pedestal, self.gravity_m_s2, azimuths)
+        return self.grounded.quasi_static_toppling_m_s2(azimuths)
 
     @cached_property
     def _stated_toppling_m_s2(self) -> list[tuple[float, float]]:

@@ -122,7 +122,9 @@ class Asked:
             if name in records
         }
         turned = turn_deg + columns["azimuth_deg"] - records["strong_azimuth_deg"][record]
-        measures["pga_azimuth_deg"] = (records["pga_azimuth_deg"][record] + turned) % 360.0
+        measures["ground_accelerates_toward_deg"] = (
+            records["ground_accelerates_toward_deg"][record] + turned
+        ) % 360.0
         if plan.campaign.peak_displacement_m is not None:
             held = scale * np.nan_to_num(records["pgd_m"][record]) > plan.campaign.peak_displacement_m
             measures = {name: np.where(held, np.nan, value) for name, value in measures.items()}

@@ -10,6 +10,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.dataset as ds
 
+from toppling.models.described import Described
 from toppling.models.errors import InputError
 from toppling.models.files.digest import read_json
 from toppling.models.files.documents import read_toml
@@ -40,7 +41,7 @@ _SITE_COLUMNS = (
 )
 
 
-class Run:
+class Run(Described):
     """Folder of a run, read anew by each method, so that a run in progress shows its current state.
 
     Parameters
@@ -68,6 +69,14 @@ class Run:
         self.root = atlas_of(self.path) or self.path
         check_files(self.root)
         check_audits(self.root)
+
+    def _facts(self) -> dict[str, object]:
+        done, rocks = self.completeness(), [rock.rock for rock in self.rocks] or [self.rock]
+        return {
+            "name": self.name,
+            "rock": ", ".join(rocks),
+            "jobs": f"{done.done:,} of {done.planned or done.done:,}",
+        }
 
     @property
     def rocks(self) -> tuple[Run, ...]:
@@ -296,7 +305,7 @@ class Run:
         return tuple(map(sum, zip(scene["origin_m"], scene["rock"]["com_m"], strict=True)))
 
     def quasi_static(self) -> pd.DataFrame | None:
-        """Least constant ground acceleration (`value`, m/s2) that topples, by azimuth_deg."""
+        """Least constant ground acceleration (`value`, m/s2) that topples, by `ground_accelerates_toward_deg`."""
         table = None if self.rocks else self.scene()
         return (
             None
@@ -355,7 +364,14 @@ def _as_recorded(field: pa.Field) -> dict[str, str]:
 def _scene_table(document: dict[str, Any], site: dict[str, Any]) -> pa.Table:
     """Table of one row from a scene document and the rock's entry in a table of rocks."""
     rock, plane, contact = document["rock"], document["interface"], document["contact"]
-    statics = document["quasi_static_toppling_m_s2"]
+    statics = [
+        {
+            "ground_accelerates_toward_deg": row["azimuth_deg"],
+            "falls_toward_deg": (row["azimuth_deg"] + 180.0) % 360.0,
+            "value": row["value"],
+        }
+        for row in document["quasi_static_toppling_m_s2"]
+    ]
     least = min((row["value"] for row in statics if row["value"] is not None), default=None)
     static, kinetic, bounce = (
         contact[name] for name in ("friction_static", "friction_kinetic", "restitution")

@@ -193,8 +193,7 @@ def outcome_of(result: ShakeResult) -> dict[str, Any]:
     """Columns of a row that the shake fills: what happened and what it cost."""
     columns = {field.name: getattr(result, field.name) for field in dataclasses.fields(result)}
     del columns["trajectory"]
-    toward = columns.pop("topple_azimuth_deg")
-    columns["falls_toward_deg"] = toward
+    toward = columns["falls_toward_deg"]
     columns["falls_toward_bearing_deg"] = None if toward is None else float(compass_deg(toward))
     message = None if result.status == "ok" else f"{result.status}: ended by {result.ended_by}"
     return {**columns, "message": message}

@@ -45,7 +45,7 @@ class ShakeResult:
         'stands', 'moved', 'toppled' or 'lodged'; None unless status is ok.
     toppled : bool or None
         True of a lodged rock too: it has left its support, and what stands beside it has caught it.
-    topple_time_s, topple_azimuth_deg : float or None
+    topple_time_s, falls_toward_deg : float or None
         When the rock crossed its point of no return, from the start of the motion: its centre of mass was last highest,
         or, where it never rose, began to sink; and where it was then, seen from its start, or at the end, where it
         started past that point.
@@ -69,7 +69,7 @@ class ShakeResult:
     outcome: str | None
     toppled: bool | None
     topple_time_s: float | None
-    topple_azimuth_deg: float | None
+    falls_toward_deg: float | None
     max_tilt_deg: float
     residual_tilt_deg: float
     residual_yaw_deg: float
@@ -112,7 +112,7 @@ def result_of(
         outcome=outcome,
         toppled=toppled,
         topple_time_s=None if turning is None else float(time_s[turning]),
-        topple_azimuth_deg=None if turning is None else _fell_toward_deg(contact, pose[:, :3], turning),
+        falls_toward_deg=None if turning is None else _fell_toward_deg(contact, pose[:, :3], turning),
         max_tilt_deg=float(np.nanmax(tilt)),
         residual_tilt_deg=float(tilt[-1]),
         residual_yaw_deg=seen.turned_deg,

@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from toppling.models.bearings import azimuth_of
 from toppling.models.errors import InputError, refusals
 from toppling.models.files import digest
 from toppling.models.files.folder import instead, local
@@ -166,7 +167,12 @@ class Ensemble:
         return cls.load(path)
 
     def motion(
-        self, record_id: str, *, pga_m_s2: float, azimuth_deg: float, peak_displacement_m: float | None = None
+        self,
+        record_id: str,
+        *,
+        pga_m_s2: float,
+        azimuth_deg: float | str,
+        peak_displacement_m: float | None = None,
     ) -> Motion:
         """A record as a job imposes it: scaled and turned, as by :func:`models.motions.impose.impose`.
 
@@ -175,7 +181,7 @@ class Ensemble:
         InputError
             If there is no such record, or a number is not positive.
         """
-        return impose(self.record(record_id), pga_m_s2, azimuth_deg, peak_displacement_m).motion
+        return impose(self.record(record_id), pga_m_s2, azimuth_of(azimuth_deg), peak_displacement_m).motion
 
     @property
     def record_ids(self) -> list[str]:

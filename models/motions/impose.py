@@ -62,7 +62,9 @@ def _scaled_intensity(intensity: Mapping[str, float], scale: float, turn_deg: fl
         for name, power in SCALING_POWER.items()
         if name in intensity or not MEASURES[name].added_later
     }
-    measures["pga_azimuth_deg"] = (intensity["pga_azimuth_deg"] + turn_deg) % 360.0
+    measures["ground_accelerates_toward_deg"] = (
+        intensity["ground_accelerates_toward_deg"] + turn_deg
+    ) % 360.0
     return measures
 
 

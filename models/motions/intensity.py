@@ -186,7 +186,7 @@ def measure(motion: Motion, component_azimuths_deg: tuple[float, float] = (0.0, 
     result = {
         "pga_m_s2": peak,
         "pgv_m_s": peak_speed,
-        "pga_azimuth_deg": azimuth_deg(a[length.argmax()]),
+        "ground_accelerates_toward_deg": azimuth_deg(a[length.argmax()]),
         "pgv_pga_s": peak_speed / peak if peak else 0.0,
         "pgd_m": float(np.hypot(displacement[:, 0], displacement[:, 1]).max()),
         "pga_vertical_m_s2": float(np.abs(a[:, 2]).max()),

@@ -34,7 +34,7 @@ MEASURES: Mapping[str, Measure] = {
     "pga_m_s2": Measure("peak of the horizontal acceleration vector", 1, "PGA", True, openquake=("PGA", _IN_G)),
     "pgv_m_s": Measure("peak of the horizontal velocity vector", 1, "PGV", True, openquake=("PGV", 100.0)),
     "pgv_pga_s": Measure("pgv_m_s over pga_m_s2: how long the strongest pulse is", 0, "PGV/PGA", True),
-    "pga_azimuth_deg": Measure("azimuth of the horizontal acceleration at its peak", None),
+    "ground_accelerates_toward_deg": Measure("azimuth of the horizontal acceleration at its peak", None),
     "pgd_m": Measure("peak of the horizontal displacement vector", 1, "PGD", True, openquake=("PGD", 100.0)),
     "pga_vertical_m_s2": Measure("peak of the vertical acceleration's size", 1, "vertical PGA", True, vertical=True),
     "arias_m_s": Measure(

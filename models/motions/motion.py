@@ -20,9 +20,9 @@ class Motion:
 
     Parameters
     ----------
-    acceleration : (n, 3) array
-        Ground acceleration along x, y, z of the scene, m/s2.
-    time_step : float
+    acceleration_m_s2 : (n, 3) array
+        Ground acceleration along x, y, z of the scene.
+    time_step_s : float
         Seconds between samples; the first sample is at time 0.
 
     Raises
@@ -34,8 +34,8 @@ class Motion:
     acceleration_m_s2: NDArray[np.float64]
     time_step_s: float
 
-    def __init__(self, acceleration: ArrayLike, time_step: float) -> None:
-        values = np.array(acceleration, dtype=float)
+    def __init__(self, acceleration_m_s2: ArrayLike, time_step_s: float) -> None:
+        values = np.array(acceleration_m_s2, dtype=float)
         if values.ndim != 2 or values.shape[1] != 3 or len(values) < 2:
             what = f"acceleration has shape {values.shape}"
             raise _motion_error("motion.shape_unusable", what, "(n, 3) with n >= 2: x, y, z in columns")
@@ -44,14 +44,14 @@ class Motion:
             raise _motion_error(
                 "motion.not_finite", f"acceleration at sample {row} is {values[row]}", "finite numbers"
             )
-        if not (np.isfinite(time_step) and time_step > 0):
+        if not (np.isfinite(time_step_s) and time_step_s > 0):
             raise _motion_error(
-                "motion.step_unusable", f"the time step is {time_step}", "a positive number of seconds"
+                "motion.step_unusable", f"the time step is {time_step_s}", "a positive number of seconds"
             )
-        if not _SHORTEST_STEP_S <= time_step <= _LONGEST_S / len(values):
+        if not _SHORTEST_STEP_S <= time_step_s <= _LONGEST_S / len(values):
             raise _motion_error(
                 "motion.duration_out_of_range",
-                f"{len(values)} samples at a time step of {time_step:g} s",
+                f"{len(values)} samples at a time step of {time_step_s:g} s",
                 f"steps of at least {_SHORTEST_STEP_S:g} s, and a motion of at most {_LONGEST_S:g} s",
             )
         if (most := np.abs(values).max()) > _LARGEST_M_S2:
@@ -62,7 +62,7 @@ class Motion:
             )
         values.setflags(write=False)
         object.__setattr__(self, "acceleration_m_s2", values)
-        object.__setattr__(self, "time_step_s", float(time_step))
+        object.__setattr__(self, "time_step_s", float(time_step_s))
 
     @property
     def duration_s(self) -> float:

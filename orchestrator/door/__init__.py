@@ -8,7 +8,7 @@ Examples
 >>> from toppling import Motion, Scene, shake
 >>> block = Scene.block(half_width=0.2, half_depth=0.2, half_height=0.6)
 >>> pulse_m_s2 = 5.0 * np.sin(np.pi * np.arange(0.0, 2.0, 0.005))
->>> shake(block, Motion(np.outer(pulse_m_s2, [1.0, 0.0, 0.0]), time_step=0.005)).outcome
+>>> shake(block, Motion(np.outer(pulse_m_s2, [1.0, 0.0, 0.0]), time_step_s=0.005)).outcome
 'toppled'
 """
 

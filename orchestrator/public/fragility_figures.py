@@ -9,7 +9,9 @@ from pathlib import Path
 
 import pandas as pd
 
+from toppling.models.bearings import azimuth_of
 from toppling.models.contact import ContactProperties
+from toppling.models.described import Described
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
@@ -31,8 +33,8 @@ from toppling.results.weights import records_weight
 from toppling.workers.seating import settled
 
 
-@dataclass(frozen=True, eq=False)
-class Fragility:
+@dataclass(frozen=True, eq=False, repr=False)
+class Fragility(Described):
     """Fragility of a rock from a run.
 
     Parameters
@@ -61,6 +63,28 @@ class Fragility:
     fits: dict[str, pd.DataFrame] = field(default_factory=dict)
     curves: dict[str, dict[str, Lognormal]] = field(default_factory=dict)
 
+    def curve(self, measure: str, contact: str = "") -> Lognormal:
+        """Fragility curve over an intensity measure, such as `pgv_m_s`.
+
+        contact: needed where the run has several.
+        Raises KeyError if there is none: fits were not asked for, or the answers bear none.
+        """
+        return self.curves[contact][measure]
+
+    def _facts(self) -> dict[str, object]:
+        known = answered(self.jobs)
+        told = {
+            "run": self.run.name,
+            "jobs": f"{len(known):,}, of which {int(known['toppled'].sum()):,} toppled",
+        }
+        medians = {
+            f"half topple at {contact}".strip(): ", ".join(
+                f"{one} {curves[one].median:.3g}" for one in curves
+            )
+            for contact, curves in self.curves.items()
+        }
+        return {**told, **medians, "files": f"{len(self.files)} in {self.folder}"}
+
 
 def fragility(
     run: Run | str | Path,
@@ -70,7 +94,7 @@ def fragility(
     trusted: bool = False,
     weighted: bool = True,
     directions: int = maps.DIRECTION_BINS,
-    sector: tuple[float, float] | None = None,
+    sector: tuple[float | str, float | str] | None = None,
     fit: bool = False,
     reference: bool = False,
     samples: int = SAMPLES,
@@ -89,8 +113,9 @@ def fragility(
         Count records and bases by their weights.
     directions : int
         Direction bins.
-    sector : (float, float) or None
-        Sector of azimuths, degrees counter-clockwise from east, whose share of topplings is stated; 35 degrees around
+    sector : (float or str, float or str) or None
+        Sector of azimuths (degrees counter-clockwise from east) or bearings (N40E), whose share of topplings is stated;
+        35 degrees around
         where the least constant acceleration topples the rock to unless given.
     fit : bool
         Fit curves and surfaces too, with so many samples, and rank the intensity measures.
@@ -107,7 +132,8 @@ def fragility(
     opened = run if isinstance(run, Run) else open_run(run)
     jobs = _jobs(opened, where, trusted=trusted, weighted=weighted)
     done, quasi_static, audits = opened.completeness(), opened.quasi_static(), audits_of(opened)
-    within, planes = sector or least_sector(quasi_static), maps.planes_of(jobs)
+    within = (azimuth_of(sector[0]), azimuth_of(sector[1])) if sector else least_sector(quasi_static)
+    planes = maps.planes_of(jobs)
     lines = _plane_reference(opened, jobs, directions) if reference else None
     folder = Path(out) if out else place_in(opened.path, "fragility")
     contacts = maps.by_contact(jobs)

@@ -54,7 +54,7 @@ def fragility(run: Path, out: Path | None, unweighted: bool, **asked: Any) -> No
 
     \b
     toppling fragility runs/first --fit
-    toppling fragility runs/first --where "pga_azimuth_deg between 292.5 and 337.5" --out figures
+    toppling fragility runs/first --where "ground_accelerates_toward_deg between 292.5 and 337.5" --out figures
     """
     opened = open_run(run)
     if opened.rocks:

@@ -68,7 +68,7 @@ def show_catalog(rows: list[dict]) -> None:
             row["record_id"], row["event"], row["station"],
             "?" if row["magnitude"] is None else f"{row['magnitude']:.1f}",
             "?" if row["distance_km"] is None else f"{row['distance_km']:.1f}",
-            f"{row['pga_m_s2']:.2f}", f"{row['pga_azimuth_deg']:.0f}" if row["north_known"] else "?",
+            f"{row['pga_m_s2']:.2f}", f"{row['ground_accelerates_toward_deg']:.0f}" if row["north_known"] else "?",
             f"{row['pgv_m_s']:.3f}", f"{row['pgv_pga_s']:.3f}", f"{row['duration_energy_s']:.1f}",
             f"{row['directionality']:.2f}",
         )

@@ -13,7 +13,7 @@ as Veeraraghavan, Hudnut and Krishnan count them around their rock's overhang.""
 def least_sector(quasi_static: pd.DataFrame | None) -> tuple[float, float] | None:
     """Sector (35 degrees) around the azimuth that the least constant acceleration topples the rock toward.
 
-    quasi_static: azimuth_deg of the ground's acceleration, and value in m/s2: the rock falls the opposite way.
+    quasi_static: `Run.quasi_static`.
     None where no constant acceleration is known to topple the rock.
     """
     found = weakest(quasi_static)
@@ -30,7 +30,7 @@ def weakest(quasi_static: pd.DataFrame | None) -> tuple[float, float] | None:
     if known is None or not np.isfinite(known["value"]).any():
         return None
     least = known.loc[known["value"].idxmin()]
-    return float(least["azimuth_deg"]), float(least["value"])
+    return float(least["ground_accelerates_toward_deg"]), float(least["value"])
 
 
 def named(name: str, azimuth_deg: float | None) -> dict[str, float | None]:

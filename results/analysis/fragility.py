@@ -185,7 +185,7 @@ def cells(frame: pd.DataFrame, plane: Plane) -> pd.DataFrame:
 
 def unplaced(frame: pd.DataFrame, plane: Plane, *, by_direction: bool = False) -> int:
     """Number of jobs in no cell of a plane (or of a plane by direction) because a measure of motion is unknown."""
-    needed = [plane.x.column, plane.y.column, *(["pga_azimuth_deg"] if by_direction else [])]
+    needed = [plane.x.column, plane.y.column, *(["ground_accelerates_toward_deg"] if by_direction else [])]
     return int(frame[needed].isna().any(axis=1).sum())
 
 
@@ -227,8 +227,8 @@ class DirectionCells:
     @classmethod
     def of(cls, frame: pd.DataFrame, plane: Plane, bins: int = DIRECTION_BINS) -> "DirectionCells":
         """Count the jobs of a run."""
-        known = frame[frame["pga_azimuth_deg"].notna()]
-        by_bin = dict(list(known.groupby(direction_bin_deg(known["pga_azimuth_deg"], bins))))
+        known = frame[frame["ground_accelerates_toward_deg"].notna()]
+        by_bin = dict(list(known.groupby(direction_bin_deg(known["ground_accelerates_toward_deg"], bins))))
         tables = [cells(jobs, plane).assign(direction_deg=centre) for centre, jobs in by_bin.items()]
         table = pd.concat(tables or [cells(known, plane).assign(direction_deg=np.nan)], ignore_index=True)
         table = table[["direction_deg", *table.columns.drop("direction_deg")]]

@@ -32,7 +32,7 @@ def rose_figure(
     """Rose of toppling azimuths, and the least constant ground acceleration that topples, by azimuth.
 
     rose: from `analysis.directions.topple_rose`.
-    quasi_static: azimuth_deg of the ground's acceleration, and value in m/s2.
+    quasi_static: `Run.quasi_static`.
     sector: from `analysis.directions.sector_share`, reported in the title.
     width_in: width of the figure; panels side by side at full width, stacked at less.
     """
@@ -51,7 +51,9 @@ def rose_figure(
         left.set_title(f"falls toward, % of {int(rose['toppled'].sum()):,} toppled{within}")
         if quasi_static is not None and len(quasi_static):
             _draw_round(
-                right, quasi_static["azimuth_deg"].to_numpy(float), quasi_static["value"].to_numpy(float)
+                right,
+                quasi_static["ground_accelerates_toward_deg"].to_numpy(float),
+                quasi_static["value"].to_numpy(float),
             )
             right.set_title(
                 "quasi-static toppling acceleration (m/s²)\nby where the ground accelerates toward:\n"

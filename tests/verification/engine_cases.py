@@ -230,7 +230,7 @@ def threshold_error(scene, motion_of, reference, preset, toward=None, span=0.02,
         assert result.status == "ok", result
         if toward is None or not result.toppled:
             return result.toppled
-        return np.cos(np.deg2rad(result.topple_azimuth_deg - toward)) > 0
+        return np.cos(np.deg2rad(result.falls_toward_deg - toward)) > 0
 
     if topples(1 - span):
         return -span

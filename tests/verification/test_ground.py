@@ -531,7 +531,7 @@ def test_a_rock_that_a_wall_catches_past_its_balance_has_lodged():
     lodged = shake(scene, away, "fast", trajectory=True)
     assert (lodged.outcome, lodged.toppled, lodged.ended_by) == ("lodged", True, "rest_certain")
     assert math.degrees(math.asin(0.5 / 1.2)) - 0.1 < lodged.residual_tilt_deg < 45.0
-    assert math.cos(math.radians(lodged.topple_azimuth_deg)) > 0.996  # within 5 degrees of x
+    assert math.cos(math.radians(lodged.falls_toward_deg)) > 0.996  # within 5 degrees of x
     assert 0.0 < lodged.topple_time_s < 1.5
 
 

@@ -44,7 +44,7 @@ def test_the_stronger_recorded_component_points_to_the_azimuth():
 def test_intensity_scales_and_turns_as_if_it_were_measured_anew(record):
     imposed = impose(record, 3.0, 200.0)
     anew = measure(imposed.motion, (200.0, 290.0))
-    assert set(imposed.intensity) == {*SCALING_POWER, "pga_azimuth_deg"}
+    assert set(imposed.intensity) == {*SCALING_POWER, "ground_accelerates_toward_deg"}
     for name, value in imposed.intensity.items():
         assert value == pytest.approx(anew[name], rel=1e-9), name
 
@@ -85,4 +85,6 @@ def test_a_level_that_is_not_positive_is_refused(record, level):
 def test_a_catalogue_from_before_a_measure_was_added_leaves_it_out(record, monkeypatch):
     monkeypatch.setitem(SCALING_POWER, "rms_m_s2", 1)
     monkeypatch.setitem(MEASURES, "rms_m_s2", Measure("root mean square", 1, added_later=True))
-    assert set(impose(record, 3.0, 0.0).intensity) == {*SCALING_POWER, "pga_azimuth_deg"} - {"rms_m_s2"}
+    assert set(impose(record, 3.0, 0.0).intensity) == {*SCALING_POWER, "ground_accelerates_toward_deg"} - {
+        "rms_m_s2"
+    }

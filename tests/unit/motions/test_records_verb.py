@@ -30,7 +30,9 @@ def test_import_reads_what_it_can_and_ends_with_what_it_left_out(tmp_path):
     (row,) = ensemble.catalog.to_pylist()
     assert row["event"] == "Testquake"
     assert len(row["files"]) == 3
-    wanted = "record_id event station magnitude distance_km time_step_s duration_s pga_m_s2 pgv_m_s pga_azimuth_deg"
+    wanted = (
+        "record_id event station magnitude distance_km time_step_s pga_m_s2 ground_accelerates_toward_deg"
+    )
     assert set(wanted.split()) <= set(row)
 
 

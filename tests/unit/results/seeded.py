@@ -28,7 +28,7 @@ def rows(records=20, levels=range(1, 20), azimuths=(0.0, 90.0), seed=7, friction
                         level_pga_m_s2=float(level),
                         pga_m_s2=float(level),
                         azimuth_deg=azimuth,
-                        pga_azimuth_deg=(azimuth + peak_off_deg[record]) % 360.0,
+                        ground_accelerates_toward_deg=(azimuth + peak_off_deg[record]) % 360.0,
                         pgv_m_s=pgv,
                         pgv_pga_s=pulse_s[record],
                         duration_energy_s=duration_s[record],

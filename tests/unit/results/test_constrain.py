@@ -317,7 +317,7 @@ def test_a_bad_hazard_is_refused_and_nothing_is_written(tmp_path, curves):
         assert not out.exists()
 
 
-@pytest.mark.parametrize("column", ["event", "pga_azimuth_deg", "bogus"])
+@pytest.mark.parametrize("column", ["event", "ground_accelerates_toward_deg", "bogus"])
 def test_what_is_no_measure_of_intensity_has_no_fragility(tmp_path, column):
     write_part(tmp_path, rows(records=4, azimuths=(0.0,)))
     refused = constrain(str(tmp_path), "--measure", column).exception

@@ -49,7 +49,7 @@ def test_a_sector_of_the_whole_circle_holds_every_toppled_job(four):
 def test_the_sector_of_a_rock_is_where_the_least_acceleration_topples_it_to():
     azimuths = np.arange(0.0, 360.0, 5.0)
     # The rock is pushed over toward 10 degrees by ground that accelerates toward 190.
-    least = pd.DataFrame({"azimuth_deg": azimuths, "value": 2.0 + np.abs(azimuths - 190.0)})
+    least = pd.DataFrame({"ground_accelerates_toward_deg": azimuths, "value": 2.0 + np.abs(azimuths - 190.0)})
     assert least_sector(least) == pytest.approx((352.5, 27.5))
     assert least_sector(least.assign(value=None)) is None
     assert least_sector(None) is None

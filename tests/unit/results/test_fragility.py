@@ -48,7 +48,10 @@ def hand_made(tmp_path):
         row("e", record_id="D", level_pga_m_s2=4.0, pgv_pga_s=0.24, pgv_m_s=0.96, status="undecided"),
     ]
     angles = [0.0, 22.4, -22.5, 337.4, 22.5]
-    write_part(tmp_path, [job | {"pga_azimuth_deg": angle} for job, angle in zip(jobs, angles, strict=True)])
+    write_part(
+        tmp_path,
+        [job | {"ground_accelerates_toward_deg": angle} for job, angle in zip(jobs, angles, strict=True)],
+    )
     return open_run(tmp_path).frame()
 
 
@@ -236,8 +239,12 @@ def test_a_cell_of_few_records_is_pale_and_no_cell_carries_a_mark(hand_made):
 )
 def test_no_map_on_shared_axes_hides_a_cell_of_another(plane):
     # One direction is shaken by short weak pulses only, the other by long strong ones too.
-    near = pd.DataFrame(rows(records=4, levels=(1, 2), azimuths=(0.0,))).assign(pga_azimuth_deg=315.0)
-    far = pd.DataFrame(rows(records=20, levels=range(1, 20), azimuths=(0.0,))).assign(pga_azimuth_deg=90.0)
+    near = pd.DataFrame(rows(records=4, levels=(1, 2), azimuths=(0.0,))).assign(
+        ground_accelerates_toward_deg=315.0
+    )
+    far = pd.DataFrame(rows(records=20, levels=range(1, 20), azimuths=(0.0,))).assign(
+        ground_accelerates_toward_deg=90.0
+    )
     figure = direction_figure(DirectionCells.of(pd.concat([near, far], ignore_index=True), plane))
     panels = [axes for axes in figure.axes if axes.collections and axes.get_title()]
     assert len(panels) == 2

@@ -88,7 +88,7 @@ def test_a_release_at_1_001_alpha_falls_over():
             result = shake(scene, case.STILL, preset, shortcuts=False, initial=turned)
             assert result.toppled
             # It passed its balance before the start, where it has no way yet: its azimuth is that of the fall.
-            off_deg = (result.topple_azimuth_deg - toward_deg + 180.0) % 360.0 - 180.0
+            off_deg = (result.falls_toward_deg - toward_deg + 180.0) % 360.0 - 180.0
             assert abs(off_deg) < 0.01  # 3e-6
 
 

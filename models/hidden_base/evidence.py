@@ -116,8 +116,8 @@ def mixed_weights(gaps: Sequence[GapDraw], shares: Mapping[str, float]) -> Array
 
 
 OTHER_ERRORS_SHARE = 0.1
-"""Standard deviation of the toppling acceleration that no draw shows, such as of a contact that lies off the middle of
-what is hidden: set on known virtual rocks (benchmarks/scan_coverage.py), not derived."""
+"""Standard deviation of the toppling acceleration that no draw shows: with it 90 % intervals hold 90 % of the azimuths
+of 13 rocks of four families, and 97 % of 12 rocks of four others (benchmarks/scan_coverage.py)."""
 _PULL_STD_SHARE = float(np.hypot(0.05, OTHER_ERRORS_SHARE))
 """How well a pull or tilt test tells the ratio that a draw bears: 5 % of the force's direction, height and reading
 together, and what the draw itself is off by."""

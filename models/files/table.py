@@ -52,7 +52,9 @@ class Table(TextFile):
     """Between thousands there."""
 
     @classmethod
-    def read(cls, path: Path, refuse: Refuse = no_table, most_bytes: float = LARGEST_TABLE_BYTES) -> Self:
+    def read(
+        cls, path: Path, refuse: Refuse = no_table, most_bytes: float = LARGEST_TABLE_BYTES, **how: bool
+    ) -> Self:
         """Table of a file, in any encoding that :func:`~toppling.models.files.text_file.text_of` knows.
 
         Raises InputError if there is none, it is too large, or holds a zero: with the line.
@@ -62,11 +64,13 @@ class Table(TextFile):
         if text is None or "\0" in text:
             line = content.partition(b"\0")[0].count(b"\n") + 1
             raise refuse("file.holds_zeros", "holds a zero byte", f"{path}:{line}")
-        return cls.of(text.splitlines(), path)
+        return cls.of(text.splitlines(), path, **how)
 
     @classmethod
-    def of(cls, lines: Sequence[str], path: Path) -> Self:
+    def of(cls, lines: Sequence[str], path: Path, *, coordinates: bool = False) -> Self:
         """Table of lines; blank rows and remarks are left out.
+
+        coordinates: whether its numbers are these, in which nobody parts thousands of whole ones.
 
         Raises InputError if a row is no CSV.
         """
@@ -88,7 +92,7 @@ class Table(TextFile):
                 where = f"{path}:{first + reader.line_num}"
                 raise no_table("table.unreadable", f"is no CSV ({error})", where) from None
         rows = [(n, row) for n, row in rows if any(row) and (n == first or not row[0].startswith(_REMARKS))]
-        decimal, thousands = _signs_in_numbers(rows, sign)
+        decimal, thousands = _signs_in_numbers(rows, sign, coordinates)
         if (decimal, thousands) != (".", None):
             rows = [(n, [_plain(cell, decimal, thousands or "") for cell in row]) for n, row in rows]
         return cls(path, lines, rows=rows, sign=sign, decimal=decimal, thousands=thousands)
@@ -150,11 +154,13 @@ def is_number(cell: str) -> bool:
     return _NUMBER.fullmatch(cell) is not None
 
 
-def _signs_in_numbers(rows: Sequence[tuple[int, list[str]]], sign: str | None) -> tuple[str, str | None]:
+def _signs_in_numbers(
+    rows: Sequence[tuple[int, list[str]]], sign: str | None, coordinates: bool
+) -> tuple[str, str | None]:
     """Decimal sign, and what parts thousands; a point and nothing where that cannot be told.
 
     Commas part thousands where each may, and numbers have decimal points or are parted by commas too; they are decimal
-    where no number has a point, beside which dots may part thousands. Of tabs nobody knows if all commas may be either.
+    where no number has a point, beside which dots may part thousands. Where all may be either nobody knows.
     """
 
     def numbers_with(of: str) -> list[str]:
@@ -168,7 +174,7 @@ def _signs_in_numbers(rows: Sequence[tuple[int, list[str]]], sign: str | None) -
     if thousands and (points or sign == "," or any(number.count(",") > 1 for number in commas)):
         return ".", ","
     decimal = all(map(_DECIMAL.fullmatch, commas)) and all(map(_DOTTED.fullmatch, points))
-    return (",", ".") if decimal and (not thousands or sign == ";") else (".", None)
+    return (",", ".") if decimal and (not thousands or coordinates) else (".", None)
 
 
 def _plain(cell: str, decimal: str, thousands: str) -> str:

@@ -157,7 +157,8 @@ def inspection_of(
 def _places(path: Path) -> Inspection:
     found: dict[bool, list[list[float]]] = {True: [], False: []}
     at: dict[bool, list[int]] = {True: [], False: []}
-    for number, cells, place in places_in(Table.read(path, _unusable), slice(3), (4,), _unusable)[1]:
+    table = Table.read(path, _unusable, coordinates=True)
+    for number, cells, place in places_in(table, slice(3), (4,), _unusable)[1]:
         if (kind := cells[3].lower()) not in _TOUCHES + _OPEN:
             raise _unusable("hint.place_unreadable", f"line {number} says {kind!r}", path)
         found[kind in _TOUCHES].append(place)

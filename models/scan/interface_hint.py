@@ -98,7 +98,7 @@ class InterfaceHint:
         InputError
             If the file is no such list.
         """
-        table = Table.read(Path(path), _unusable)
+        table = Table.read(Path(path), _unusable, coordinates=True)
         header, places = places_in(table, slice(3), (3,), _unusable)
         columns = named_columns([header], 3, str(path)) or (0, 1, 2)
         points = np.array([numbers for _, _, numbers in places], float).reshape(-1, 3)[:, columns]

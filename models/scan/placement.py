@@ -172,7 +172,7 @@ def control_point_lines(given: str | Path | Sequence[str]) -> list[str]:
 
 def _rows(lines: Sequence[str], path: str, in_metres: bool) -> tuple[tuple[str, ...], Array]:
     """Names of the points, and their six coordinates (n, 6)."""
-    table = Table.of(lines, Path(path))
+    table = Table.of(lines, Path(path), coordinates=True)
     header, places = places_in(table, slice(-6, None), (6, 7), _unusable)
     if len(places) < 3:
         raise _unusable("placement.too_few_points", f"holds {len(places)} points", path)

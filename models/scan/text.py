@@ -177,7 +177,8 @@ def _settled(lines: list[str], path: Path) -> _Layout:
 
     Raises InputError if commas part the numbers and are decimal too, or may be either.
     """
-    table = Table.of([line.strip(_ENDS) for line in lines if _no_count(line)], path)
+    points = [line.strip(_ENDS) for line in lines if _no_count(line)]
+    table = Table.of(points, path, coordinates=True)
     rows = [row for _, row in table.rows]
     if unclear := [cell for row in rows for cell in row[:3] if "," in cell and is_number(cell)]:
         raise _ambiguous("cloud.numbers_ambiguous", f"numbers such as {unclear[0]}", str(path))

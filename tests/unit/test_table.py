@@ -32,7 +32,7 @@ def test_cells_are_the_same_however_they_are_saved(text):
     ("text", "cells"),
     [
         ("x\ty\n1,500\t2,750\n", ["1,500", "2,750"]),
-        ("x;y\n1,500;2,750\n", ["1.500", "2.750"]),
+        ("x;y\n1,500;2,750\n", ["1,500", "2,750"]),
         ("x,y\n0.5,\"0,5\"\n", ["0.5", "0,5"]),
         ("0,5 1,25\n0,5 1,25\n", ["0.5", "1.25"]),
         ("name,unit\nr1,2.txt,0\n", ["r1", "2.txt", "0"]),
@@ -44,6 +44,12 @@ def test_cells_are_the_same_however_they_are_saved(text):
 )  # fmt: skip
 def test_a_comma_is_decimal_between_thousands_or_left_as_the_table_shows(text, cells):
     assert of(text).rows[1][1] == cells
+
+
+@pytest.mark.parametrize("sign", [";", "\t", " "])
+def test_three_decimals_of_coordinates_are_no_thousands(sign):
+    table = Table.of([sign.join(["1,500", "2,750"])] * 2, Path(), coordinates=True)
+    assert table.rows[1][1] == ["1.500", "2.750"]
 
 
 def test_a_quote_that_nobody_closes_is_refused_with_its_line():

@@ -70,7 +70,7 @@ class _LocalWorker(ProcessInterface):
             json.dumps({**settings, "scheduler": scheduler, "name": name}, default=str).encode() + b"\n"
         )
         self._name, self._session, self._memory = name, session, memory
-        self._worker: WorkerProcess | None = None
+        self._process: WorkerProcess | None = None
         self._keeper = threading.Thread(target=self._keep, name=f"worker {name}", daemon=True)
         self._closing = False
 
@@ -89,8 +89,8 @@ class _LocalWorker(ProcessInterface):
 
     def kill(self) -> None:
         """End the process immediately."""
-        if self._worker:
-            self._worker.process.kill()
+        if self._process:
+            self._process.kill()
 
     def _keep(self) -> None:
         while not self._closing and not self._session.fatal:
@@ -106,9 +106,8 @@ class _LocalWorker(ProcessInterface):
     def _live(self) -> tuple[bool, str]:
         """Start a process and wait for its end; returns whether it had joined, and the cause of its end."""
         killed_before = _kills_for_memory()
-        self._worker = worker = worker_process()
+        self._process = process = worker_process()
         try:
-            process = worker.process
             assert process.stdin
             assert process.stdout
             with contextlib.suppress(OSError):
@@ -118,11 +117,11 @@ class _LocalWorker(ProcessInterface):
             self._session.deaths_at_start *= not joined
             why = self._until_the_end(process.pid, process.stdout)
             code = process.wait()
-            worker.errors.seek(0)
-            text = worker.errors.read().decode(errors="replace")
+            process.error_file.seek(0)
+            text = process.error_file.read().decode(errors="replace")
             return joined, why or _why(code, text, _kills_for_memory() > killed_before)
         finally:
-            worker.end()
+            process.end()
 
     def _until_the_end(self, pid: int, output: IO[bytes]) -> str:
         """Wait for the end of the process; end it and return the reason if it exceeds its share of memory."""

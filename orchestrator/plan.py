@@ -13,7 +13,7 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from toppling.models.errors import InputError
-from toppling.models.motions.above_band import HIGHEST_CORNER
+from toppling.models.motions.above_band import check_step
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.models.spelling import did_you_mean
@@ -321,15 +321,7 @@ def _check_band(band_hz: float, ensemble: Ensemble, records: list[str], where: s
     """Refuse in advance what :func:`models.motions.above_band.with_motion_above` would refuse in each job."""
     step_s = dict(zip(ensemble.record_ids, ensemble.catalog["time_step_s"].to_pylist(), strict=True))
     coarsest = max(records, key=lambda record: step_s[record])
-    highest_hz = HIGHEST_CORNER / step_s[coarsest]
-    if band_hz > highest_hz:
-        raise InputError(
-            "motion.step_too_coarse",
-            f"unmeasured.band_hz is {band_hz:g}, but record {coarsest} has a step of {step_s[coarsest]:g} s",
-            where=where,
-            expected=f"at most {highest_hz:g} Hz: what is added is as strong as the octave below",
-            remedy="give a smaller band_hz, or name finer records",
-        )
+    check_step(step_s[coarsest], band_hz, f"{where}: record {coarsest}")
 
 
 def _durations_s(ensemble: Ensemble, asked: Sequence[str] | None, where: str) -> dict[str, float]:

@@ -9,7 +9,6 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
-from typing import IO
 
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """Environment variables of the number of BLAS threads, which affects the order of sums and so the last bit."""
@@ -21,24 +20,20 @@ _ENVIRONMENT = _ONE_THREAD | {
 }
 
 
-class WorkerProcess:
+class WorkerProcess(subprocess.Popen[bytes]):
     """Process that waits for its scheduler's address, and ends when its standard input is closed."""
 
     def __init__(self) -> None:
-        self.errors: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115  (closed by `end`)
-        command = [sys.executable, "-P", "-m", "toppling.orchestrator.worker_process"]
-        pipe = subprocess.PIPE
-        self.process = subprocess.Popen(
-            command, stdin=pipe, stdout=pipe, stderr=self.errors, env=os.environ | _ENVIRONMENT,
-            start_new_session=True,
-        )  # fmt: skip
+        self.error_file = tempfile.TemporaryFile()  # noqa: SIM115  (closed by `end`)
+        pipe, environment = subprocess.PIPE, os.environ | _ENVIRONMENT
+        super().__init__([sys.executable, "-P", "-m", "toppling.orchestrator.worker_process"], stdin=pipe,
+                         stdout=pipe, stderr=self.error_file, env=environment, start_new_session=True)  # fmt: skip
 
     def end(self) -> None:
         """End the process if necessary, and close its pipes."""
-        self.process.kill()
-        with self.process, self.errors, contextlib.suppress(OSError):  # the rest of what was told
-            assert self.process.stdin is not None
-            self.process.stdin.close()
+        self.kill()
+        with self.error_file, contextlib.suppress(OSError), self:  # the pipe may still hold what was told
+            pass
 
 
 _AHEAD: list[WorkerProcess] = []

@@ -13,7 +13,7 @@ from toppling.models.motions.processing import resample
 _ORDER = 3
 _ENVELOPE_S = 0.5
 """Window over which the octave below the corner is averaged for the envelope of the octave above."""
-HIGHEST_CORNER = 0.5
+_HIGHEST_CORNER = 0.5
 """Of the sampling frequency: the octave below is then still resolved."""
 _SAMPLES_A_PERIOD = 4
 """At least, at the highest frequency that is added."""
@@ -32,14 +32,7 @@ def with_motion_above(motion: Motion, corner_hz: float, share: float, random: np
     """
     if share == 0.0:
         return motion
-    if motion.time_step_s * corner_hz > HIGHEST_CORNER:
-        raise InputError(
-            "motion.step_too_coarse",
-            f"a time step of {motion.time_step_s:g} s tells nothing below {corner_hz:g} Hz",
-            where="motion above the band",
-            expected=f"a corner of at most {HIGHEST_CORNER / motion.time_step_s:g} Hz",
-            remedy="give a smaller band_hz",
-        )
+    check_step(motion.time_step_s, corner_hz)
     finer = int(np.ceil(2.0 * corner_hz * _SAMPLES_A_PERIOD * motion.time_step_s - 1e-9))
     fine = resample(motion, motion.time_step_s / max(finer, 1))
     acceleration_m_s2 = fine.acceleration_m_s2
@@ -52,6 +45,18 @@ def with_motion_above(motion: Motion, corner_hz: float, share: float, random: np
     wanted = share * np.sqrt((below**2).mean(axis=0))
     factor = np.divide(wanted, size, out=np.zeros(3), where=size > 0.0)
     return Motion(acceleration_m_s2 + factor * noise, fine.time_step_s)
+
+
+def check_step(time_step_s: float, corner_hz: float, where: str = "motion above the band") -> None:
+    """Raise InputError if a motion is sampled too coarsely to tell of the octave below a corner."""
+    if time_step_s * corner_hz > _HIGHEST_CORNER:
+        raise InputError(
+            "motion.step_too_coarse",
+            f"a time step of {time_step_s:g} s tells nothing below {corner_hz:g} Hz",
+            where=where,
+            expected=f"a corner of at most {_HIGHEST_CORNER / time_step_s:g} Hz",
+            remedy="give a smaller band_hz, or finer records",
+        )
 
 
 def _octave(values: Array, from_hz: float, time_step_s: float) -> Array:

@@ -95,7 +95,8 @@ ENDS_OF_A_RUN = [
     "toppling.orchestrator.run:compact",  # all rows are there
     "distributed:Future.__del__",  # a finalizer, which swallows what is raised
     "distributed:Client.close",
-    "distributed:LocalCluster.close",
+    "distributed:SpecCluster.close",
+    "toppling.orchestrator.worker_start:WorkerProcess.end",
     "distributed.deploy.spec:SpecCluster.scale",  # within Dask's own loop
     "tempfile:TemporaryDirectory.cleanup",
     "toppling.orchestrator.run:note",

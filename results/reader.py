@@ -71,12 +71,11 @@ class Run(Described):
         check_audits(self.root)
 
     def _facts(self) -> dict[str, object]:
-        done, rocks = self.completeness(), [rock.rock for rock in self.rocks] or [self.rock]
-        return {
-            "name": self.name,
-            "rock": ", ".join(rocks),
-            "jobs": f"{done.done:,} of {done.planned or done.done:,}",
-        }
+        rocks, jobs = [rock.rock for rock in self.rocks] or [self.rock], "unreadable"
+        with contextlib.suppress(InputError):  # printing does not fail
+            done = self.completeness()
+            jobs = f"{done.done:,} of {done.planned or done.done:,}"
+        return {"name": self.name, "rock": ", ".join(rocks), "jobs": jobs}
 
     @property
     def rocks(self) -> tuple[Run, ...]:

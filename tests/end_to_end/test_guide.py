@@ -180,6 +180,8 @@ def carry_out(block, folder):
     if block.kind == "sh":
         for words in commands(shortened(block.text, folder)):
             look_at(words) if block.how == "parsed" else call(words, folder)
+    elif block.kind == "python" and block.how == "parsed":
+        compile(block.text, "page", "exec")
     elif block.kind == "python":
         done = subprocess.run(
             [sys.executable, "-c", block.text], cwd=folder, capture_output=True, text=True, check=False

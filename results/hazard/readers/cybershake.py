@@ -27,7 +27,7 @@ def read(file: HazardFile) -> list[Statement]:
     Raises InputError if neither the file's name nor the user says what it is over.
     """
     named = _NAME.match(file.path.name)
-    imt = named["imt"] if named else imt_of(file.hints.measure)[0] if file.hints.measure else ""
+    imt = named["imt"] if named else imt_of(file.measure_elsewhere)[0] if file.measure_elsewhere else ""
     if named and named["period"]:
         imt = f"SA({named['period'].replace('p', '.')})"
     known = measure_of(imt)

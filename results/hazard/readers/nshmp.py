@@ -82,7 +82,7 @@ def read(file: HazardFile) -> list[Statement]:
     where = file.path.absolute()
     known = [measure_of(folder.name) for folder in where.parents[:3]]
     level = next((level for level, measured in enumerate(known) if measured), None)
-    measure = file.hints.measure if level is None else (known[level] or ("",))[0]
+    measure = file.measure_elsewhere if level is None else (known[level] or ("",))[0]
     if measure is None:
         file.refuse("hazard.measure_missing",
             "states no intensity measure, and lies in no folder of that name", "give --measure")  # fmt: skip

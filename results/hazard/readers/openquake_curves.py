@@ -96,9 +96,9 @@ def _curves(
             f"has no column {', '.join(absent)}" if absent else "has no site")  # fmt: skip
     named = _NAMED.search(file.path.name)
     imt = stated.get("imt") or (named and named["imt"])
-    if not imt and not file.hints.measure:
+    if not imt and not file.measure_elsewhere:
         file.refuse("hazard.measure_missing", "states no imt", _ADD_IMT)
-    measure, unit = file.measure_named(imt or imt_of(str(file.hints.measure))[0], _ADD_IMT)
+    measure, unit = file.measure_named(imt or imt_of(str(file.measure_elsewhere))[0], _ADD_IMT)
     time = stated.get("investigation_time")
     years = file.years_of_values(None if time is None else file.number(1, time),
         "states no investigation_time: the years that its probabilities are over",

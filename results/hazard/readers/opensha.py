@@ -82,8 +82,8 @@ def _measure(file: HazardFile, about: str, phrases: Sequence[str]) -> tuple[str,
     if named:
         return file.measure_named(f"SA({period[1]})" if named[1] == "SA" and period else named[1])
     found = set(filter(None, map(measure_with_unit, phrases)))
-    if file.hints.measure:
-        found = {(file.hints.measure, 1.0 / imt_of(file.hints.measure)[1])}
+    if measure := file.measure_elsewhere:
+        found = {(measure, 1.0 / imt_of(measure)[1])}
     if len(found) != 1:
         file.refuse("hazard.measure_missing", f"names {len(found) or 'no'} measures above its points",
             "put IMT = PGA (or IMT = SA; SA Period = 1.0) above them, or give --measure")  # fmt: skip

@@ -1,6 +1,7 @@
 """What a hazard file states, before files are put together to trees."""
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -99,6 +100,16 @@ class HazardFile:
         return measure_of(imt) or self.refuse(
             "measure.unknown", f"is over {imt!r}, which is no measure known here", remedy
         )
+
+    @property
+    def measure_elsewhere(self) -> str | None:
+        """Measure that the file's name states, or else the user; refused if they differ."""
+        words = map(measure_of, re.split(r"[\s_-]+", self.path.stem))
+        named, said = {found[0] for found in words if found}, self.hints.measure
+        if len(named) == 1 and said not in (None, *named):
+            self.refuse("hazard.measures_differ", f"is named after {min(named)}, and --measure is {said}",
+                "give the file of that measure, or another name if it is one")  # fmt: skip
+        return min(named) if len(named) == 1 else said
 
     def factor_stated(self, measure: str, usual: float, unit_name: str) -> float:
         """What the unit of levels is in SI by its name in the file, the usual one where it has none."""

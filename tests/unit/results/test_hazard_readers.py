@@ -143,8 +143,8 @@ UNSTATED = {
         openquake_text('#,,,"investigation_time=50.0"'), "hazard.measure_missing", {"measure": "pga_m_s2"}
     ),
     "a map of OpenSHA": (
-        f"Index,Latitude,Longitude,0.1,0.2\n0,34.2,-118.1,{POES[0]},{POES[1]}\n", "hazard.measure_missing",
-        {"measure": "pga_m_s2", "years": 50.0},
+        f"Index,Latitude,Longitude,0.1,0.2\n0,34.2,-118.1,{POES[0]},{POES[1]}\n", "hazard.time_missing",
+        {"years": 50.0},
     ),
     "old types and quotes": (
         '# source_model_tree_path=b1, gsim_tree_path=b1, investigation_time=50.0, imt="PGA"\n'
@@ -647,3 +647,13 @@ def test_xml_that_is_no_whole_hazard_curve_is_refused_by_its_cause(tmp_path, old
     path.write_text(NRML["0.5"].format(stat="", imt="PGA", high=0.1).replace(old, new))
     with refused(said):
         read_hazard(path, hints=Hints(site=(-118.1, 34.2)))
+
+
+@pytest.mark.parametrize("asked", [None, "pga_m_s2"])
+def test_a_file_without_a_measure_inside_is_over_the_one_that_it_is_named_after(tmp_path, asked):
+    path = tmp_path / "curves_pga.csv"
+    path.write_text("Index,Latitude,Longitude,0.1,0.5\n0,34.1,-118.2,0.01,0.001\n")
+    (tree,) = read_hazard(path, hints=Hints(measure=asked, years=0.0))
+    assert tree.measure == "pga_m_s2"
+    with refused("hazard.measures_differ", "pga_m_s2", "pgv_m_s"):
+        read_hazard(path, hints=Hints(measure="pgv_m_s", years=0.0))

@@ -206,7 +206,7 @@ def test_most_campaigns_that_are_no_lognormal_say_so_and_by_how_much(bench, monk
     assert abs(found.observed - found.expected) > 0.02
     stated = statement_of(told[0], told[0].judged, 140, {})
     assert stated["sentence"].count("the curve is not lognormal: ") == 1
-    assert f"{100 * found.observed:.0f} % of {found.jobs} jobs topple where it says" in stated["sentence"]
+    assert f"{100 * found.observed:.0f} % of {found.jobs} jobs topple" in stated["sentence"]
     assert stated["departure"]["p_value"] == found.p_value
 
 

@@ -250,7 +250,9 @@ class Scene(Described):
             return list(zip(azimuths, rolling.toppling_m_s2(np.array(azimuths)).tolist(), strict=True))
         if self.ground.is_plane:
             return quasi_static_toppling_m_s2(self.rock, self.pedestal, self.gravity_m_s2, azimuths)
-        return self.grounded.quasi_static_toppling_m_s2(azimuths)
+        from toppling.models.tipping import largest_held_m_s2
+
+        return largest_held_m_s2(self.grounded, azimuths)
 
     @cached_property
     def _stated_toppling_m_s2(self) -> list[tuple[float, float]]:
@@ -258,7 +260,7 @@ class Scene(Described):
         known = self.report.get("unseen_base", {}).get("nominal_m_s2")
         if known is not None and not self.ground.is_plane:
             return list(zip(np.arange(0.0, 360.0, 360.0 / len(known)).tolist(), known, strict=True))
-        # On surfaces an azimuth takes more than a second.
+        # On surfaces an azimuth takes a tenth of a second.
         return self.quasi_static_toppling_m_s2(np.arange(0.0, 360.0, 5.0 if self.ground.is_plane else 15.0))
 
     @cached_property

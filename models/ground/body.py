@@ -13,9 +13,9 @@ from scipy.spatial.transform import Rotation
 
 from toppling.models.compiled import Array, Flags
 from toppling.models.errors import InputError
-from toppling.models.frames import horizontal_unit_vector, plane_axes
+from toppling.models.frames import plane_axes
 from toppling.models.ground.contacts import CONTACT, LEANING, MOST, contacts_at
-from toppling.models.ground.creeping import largest_held_m_s2, settle
+from toppling.models.ground.creeping import settle
 from toppling.models.ground.curved import NO_CURVED, CurvedGround, untouched
 from toppling.models.ground.dome import curved_ground
 from toppling.models.ground.equilibrium import are_held, held_polygon, wrenches
@@ -32,7 +32,6 @@ from toppling.models.ground.pairs import Lists, empty_lists
 from toppling.models.ground.plane import NO_POINTS
 from toppling.models.ground.rolling import NO_ROLLING, rolling_surface
 from toppling.models.ground.stepping import Grounded, work_room
-from toppling.models.ground.touching import DisagreementError
 from toppling.models.kept import kept
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
@@ -50,12 +49,6 @@ FOUND_WITHIN = 0.1
 
 RESTING_SHARE = 1e-4
 """Of R: contacts so near a rock at rest may carry it."""
-
-_QUASI_STATIC_STEP = 0.003
-"""Of sqrt(R / g): time step of a rock that tips without gathering speed."""
-
-_FOLLOWED_SHARE = 0.4
-"""Of R: way on which a rock that tips is followed past the largest: over the facets of a coarse rounded base."""
 
 _ALMOST_SHARE = 0.01
 """Of R: a rock that is shifted to where it touches is looked for so near, and farther by twice its latest shift."""
@@ -289,26 +282,6 @@ class GroundedBody:
         columns = self.wrenches(self.resting_pose)
         turn = np.kron(np.eye(2), self.scene_from_support)
         return held_polygon(turn @ columns, self.size_m)
-
-    def quasi_static_toppling_m_s2(self, azimuths_deg: list[float]) -> list[tuple[float, float]]:
-        """Largest constant horizontal ground acceleration at which the rock is in equilibrium, by azimuth.
-
-        In the pose in which it rests, or in one that it tips into without gathering speed; 0 for a rock that falls by
-        itself, however it comes to lie.
-        """
-        stands = self.rests_nearby
-        return [(azimuth, self._largest_held(azimuth) if stands else 0.0) for azimuth in azimuths_deg]
-
-    def _largest_held(self, azimuth_deg: float) -> float:
-        push = -horizontal_unit_vector(azimuth_deg) @ self.scene_from_support
-        step_s = _QUASI_STATIC_STEP * math.sqrt(self.size_m / self.gravity_m_s2)
-        # Once off the wall, a rock that leaned gathers speed: that it would stand upright as well is no answer.
-        followed_m = 0.0 if self.leans else _FOLLOWED_SHARE * self.size_m
-        sim = self.clockless(self.resting_pose, step_s, self.curved)
-        held_m_s2 = largest_held_m_s2(sim, push, 30.0 * self.gravity_m_s2, followed_m)
-        if sim.counts[4] > 0:
-            raise DisagreementError(f"as the rock tips toward {azimuth_deg:.0f} degrees")
-        return held_m_s2
 
     @classmethod
     def of(

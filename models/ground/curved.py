@@ -44,17 +44,8 @@ class CurvedGround(NamedTuple):
     place: Array  # (2,): where the face did
 
 
-NO_CURVED = CurvedGround(
-    np.zeros(0),
-    np.zeros(2),
-    1.0,
-    np.zeros((0, 3)),
-    np.zeros(3),
-    1.0,
-    np.zeros((0, 6)),
-    np.zeros(0),
-    np.zeros(2),
-)
+_NOWHERE = np.zeros(0), np.zeros(2), 1.0, np.zeros((0, 3)), np.zeros(3), 1.0
+NO_CURVED = CurvedGround(*_NOWHERE, np.zeros((0, 6)), np.zeros(0), np.zeros(2))
 """That of ground which is no dome."""
 
 
@@ -105,12 +96,8 @@ def tipped_over_m(
     From a pose (7,) in which it rests, about its outermost contact, by so much at a time. What it has reached where the
     base is over the dome no longer.
     """
-    pose, out, turn, spin = (
-        rest.copy(),
-        np.zeros(2 * len(on.corners) + 1, CONTACT),
-        np.zeros((3, 3)),
-        np.zeros(6),
-    )
+    pose, out = rest.copy(), np.zeros(2 * len(on.corners) + 1, CONTACT)
+    turn, spin = np.zeros((3, 3)), np.zeros(6)
     axis = cross(up, outward)
     for k in range(3):
         spin[3 + k] = turn_rad * axis[k]

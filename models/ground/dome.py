@@ -80,18 +80,8 @@ def curved_ground(
         return NO_CURVED
     # The rock that rests on triangles touches the smooth surface.
     coefficients[0] += _least_gap_m(there, coefficients, centre, radius)
-    count = len(corners)
-    return CurvedGround(
-        coefficients,
-        centre,
-        radius,
-        corners,
-        normal,
-        float(np.cos(tilt)),
-        np.zeros((count, 6)),
-        np.full(count, 0.5),
-        centre.copy(),
-    )
+    count, at = len(corners), (coefficients, centre, radius, corners, normal, float(np.cos(tilt)))
+    return CurvedGround(*at, np.zeros((count, 6)), np.full(count, 0.5), centre.copy())
 
 
 def _flat_base(rock: ContactMesh, turn: Array, size_m: float) -> tuple[Array, Array, float] | None:

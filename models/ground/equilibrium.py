@@ -100,20 +100,31 @@ def _missed(scaled: Array, load_m_s2: Array) -> Array | None:
     """
     if not load_m_s2.any():
         return np.zeros(6)
-    load = missed = np.append(load_m_s2 / np.linalg.norm(load_m_s2), np.zeros(3))
-    bearing, before = np.zeros(0, int), np.inf
+    return _least_missed(scaled, -np.append(load_m_s2 / np.linalg.norm(load_m_s2), np.zeros(3)))
+
+
+def shortest(columns: Array, least: Array) -> Array:
+    """The shortest x (6,) with `columns.T @ x >= least` (Lawson and Hanson 1974, chapter 23)."""
+    unit = least.max(initial=0.0)
+    missed = _least_missed(np.vstack([columns, least / unit]), np.eye(7)[6]) if unit > 0.0 else None
+    return unit * missed[:6] / -missed[6] if missed is not None and missed[6] < 0.0 else np.zeros(6)
+
+
+def _least_missed(columns: Array, target: Array) -> Array | None:
+    """What the mixture of columns that is nearest to a target has beyond it; None if none is found."""
+    missed, bearing, before = -target, np.zeros(0, int), np.inf
     while (size := float(np.linalg.norm(missed))) < before:
-        along = missed @ scaled
+        along = missed @ columns
         some = np.argpartition(along, _AT_ONCE)[:_AT_ONCE] if len(along) > _AT_ONCE else np.arange(len(along))
         some = some[along[some] < 0.0]
         if len(some) == 0:  # SciPy aborts the process over no wrenches at all
             break
         chosen, before = np.union1d(bearing, some), size
         try:
-            shares = scipy.optimize.nnls(scaled[:, chosen], -load)[0]
+            shares = scipy.optimize.nnls(columns[:, chosen], target)[0]
         except RuntimeError:  # it has found none in the steps that it takes at most
             return None
-        missed, bearing = load + scaled[:, chosen] @ shares, chosen[shares > 0.0]
+        missed, bearing = columns[:, chosen] @ shares - target, chosen[shares > 0.0]
     return missed
 
 

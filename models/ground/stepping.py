@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from toppling.models.compiled import Array, Indices, Vector, inner
+from toppling.models.compiled import Array, Indices, Vector, compiled, inner
 from toppling.models.ground.cones import solve_cones
 from toppling.models.ground.contacts import CONTACT, LEANING, MOST, contacts_in
 from toppling.models.ground.curved import CurvedGround, curved_contacts
@@ -385,6 +385,13 @@ def _take_back(sim: Grounded, count: int, step_s: float, pose: Array, velocity: 
                     inverse[k, 0] * arm[0] + inverse[k, 1] * arm[1] + inverse[k, 2] * arm[2]
                 )
     move(pose, shift, 1.0)
+
+
+@compiled
+def contacts_at_pose(sim: Grounded, pose: Array, margin_m: float) -> int:
+    """Put the contacts with gaps up to a margin in a pose into `sim.trial`; how many."""
+    rotation_of(pose, sim.work.turn)
+    return _contacts(sim, pose, margin_m)
 
 
 @inner

@@ -10,17 +10,6 @@ from toppling.models.compiled import Array, Indices, Vector, inner
 from toppling.models.ground.vectors import cross, plus
 
 
-class DisagreementError(RuntimeError):
-    """No impulses were found with which all contacts of a rock agree: what was asked has no answer."""
-
-    def __init__(self, when: str) -> None:
-        self.when = when
-        super().__init__(when)
-
-    def __str__(self) -> str:
-        return f"{self.when} no impulses were found with which all contacts agree; try another preset, and report it"
-
-
 class SolverRoom(NamedTuple):
     """Where impulses are worked out, so that no step makes arrays."""
 
@@ -38,18 +27,9 @@ class SolverRoom(NamedTuple):
 
 def solver_room(most: int) -> SolverRoom:
     """Room for so many contacts."""
-    return SolverRoom(
-        np.zeros(6),
-        np.zeros(6),
-        np.zeros(6),
-        np.zeros(6),
-        np.zeros((6, 6)),
-        np.zeros(most),
-        np.zeros(most),
-        np.zeros(most, np.int64),
-        np.zeros(most, np.int64),
-        np.zeros((most, 4)),
-    )
+    contacts, marks = np.zeros((2, most)), np.zeros((2, most), np.int64)
+    rooms = [*np.zeros((4, 6)), np.zeros((6, 6)), *contacts, *marks, np.zeros((most, 4))]
+    return SolverRoom(*rooms)
 
 
 class Touching(NamedTuple):

@@ -24,6 +24,7 @@ from toppling.models.scan.survey import SeparatedMeshes
 from toppling.models.scene import Scene
 from toppling.models.shapes import box
 from toppling.models.statics import quasi_static_toppling_m_s2
+from toppling.models.tipping import largest_held_m_s2
 from toppling.orchestrator.public.making import scan
 from toppling.workers.engines import DEFAULT, engine_named
 from toppling.workers.options import PRESETS
@@ -145,6 +146,13 @@ def test_feet_on_the_walls_of_a_groove_tip_about_their_own_place():
     com = scene.rock.com_m[2] - math.tan(math.radians(30)) * HALF_WIDTH_M
     ((_, value),) = scene.quasi_static_toppling_m_s2([0.0])
     assert value == pytest.approx(G * HALF_WIDTH_M / com, rel=0.005)
+
+
+def test_a_squat_rock_on_a_surface_stands_what_friction_holds_and_no_more():
+    rock = box(0.6, 0.6, 0.3).moved(np.eye(3), (0.0, 0.0, 0.3))
+    level = Scene.from_mesh((rock.vertices_m, rock.faces), pedestal=facets(0, 0), friction=0.4)
+    found = largest_held_m_s2(level.grounded, [0.0, 30.0])
+    assert [value for _, value in found] == pytest.approx([0.4 * G] * 2, rel=0.01)
 
 
 @pytest.mark.thorough
@@ -350,9 +358,9 @@ def test_the_facets_of_a_rounded_base_tip_on_a_surface_as_on_the_plane():
     ((_, on_plane),) = quasi_static_toppling_m_s2(plane.rock, plane.pedestal, G, [20.0])
     friction = (on_surface.contact.friction_static,) * 2
     of_triangles = GroundedBody.of(on_surface.rock, on_surface.pedestal, G, friction)
-    ((_, tipped),) = of_triangles.quasi_static_toppling_m_s2([20.0])
+    ((_, tipped),) = largest_held_m_s2(of_triangles, [20.0])
     assert tipped == pytest.approx(on_plane, rel=0.01)
-    ((_, rolled),) = on_surface.grounded.quasi_static_toppling_m_s2([20.0])
+    ((_, rolled),) = largest_held_m_s2(on_surface.grounded, [20.0])
     assert rolled == pytest.approx(plane.rolling_body.toppling_m_s2([20.0])[0], rel=0.005)
 
 
@@ -369,13 +377,12 @@ def test_a_rough_base_tips_on_a_surface_as_on_the_plane_however_fine_its_mesh():
     fine = mesh.subdivide()
     coarse_held, fine_held = (
         np.array(
-            Scene.from_mesh((each.vertices, each.faces), pedestal=ground)
-            .grounded.quasi_static_toppling_m_s2(azimuths)
+            largest_held_m_s2(Scene.from_mesh((each.vertices, each.faces), pedestal=ground).grounded, azimuths)
         )[:, 1]
         for each in (mesh, fine)
     )  # fmt: skip
-    assert coarse_held == pytest.approx(np.array(exact)[:, 1], rel=0.03)
-    assert fine_held == pytest.approx(coarse_held, rel=0.003)
+    assert coarse_held == pytest.approx(np.array(exact)[:, 1], rel=0.001)
+    assert fine_held == pytest.approx(coarse_held, rel=0.001)
 
 
 def with_wall(distance_m, height_m=1.0, thickness_m=0.3):

@@ -153,7 +153,7 @@ def _processed(
     return motion, quality, [*steps, _LEFT[quality]]
 
 
-_NO_RECORDS = {".md", ".json", ".parquet", ".toml", ".py", ".pdf", ".png"}
+_NO_RECORDS = {".md", ".ini", ".json", ".parquet", ".toml", ".py", ".pdf", ".png"}
 """Suffixes of what lies beside records in a folder and is none; a file given by name is always read."""
 
 

@@ -19,8 +19,8 @@ from toppling.models.motions.formats.units import counted_unit, known_names
 
 _COLUMNS = {
     "record_id": ("record_id", "rec_id"),
-    "event": ("event",),
-    "station": ("station",),
+    "event": ("event", "earthquake_name"),
+    "station": ("station", "station_name"),
     "magnitude": ("magnitude", "mag", "mw", "mag_mw", "magnitude_mw"),
     "distance_km": (
         "distance_km",
@@ -31,9 +31,9 @@ _COLUMNS = {
         "rhyp_km",
         "epicentral_distance_km",
     ),
-    "h1": ("h1",),
-    "h2": ("h2",),
-    "v": ("v",),
+    "h1": ("h1", "horizontal-1_acc._filename"),
+    "h2": ("h2", "horizontal-2_acc._filename"),
+    "v": ("v", "vertical_acc._filename"),
     "unit": ("unit", "units"),
     "time_step_s": ("time_step_s", "dt", "dt_s"),
     "processing": ("processing",),
@@ -44,7 +44,7 @@ _COLUMNS = {
     "pga_h2": ("pga_h2_m_s2", "pga_h2"),
     "pga_v": ("pga_v_m_s2", "pga_v"),
 }
-"""What is read, and the names that a table may give it, in any case; other columns are left alone."""
+"""What is read, and the names that a table, or PEER's, may give it in any case; other columns are left alone."""
 
 
 _UNCORRECTED = ("uncorrected", "raw")
@@ -109,19 +109,30 @@ class Entry:
 def read_table(table: Path) -> list[Entry]:
     """Rows of a metadata table; paths are relative to the table's folder.
 
+    The table may stand in a longer text, as PEER's search results do: it begins with the line that names the files'
+    columns, and then ends at a blank line.
+
     Raises InputError if a column is missing, there is no row, a number is none, a unit is unknown, or two rows have one
     id: with the line.
     """
     file = Table.read(table)
-    names = list(map(_name, file.names))
-    if "h1" not in names or "h2" not in names:
-        file.refuse("metadata.columns_missing", 0, f"no columns h1 and h2 among {shown(names[:8])}",
+    header = next((number for number, (_, cells) in enumerate(file.rows) if _names_files(cells)), None)
+    if header is None:
+        file.refuse("metadata.columns_missing", 0,
+            f"no columns h1 and h2 among {shown(list(map(_name, file.names))[:8])}",
             "a CSV table with a header line and at least the columns h1, h2",
             "one row a record: h1,h2,v,unit,event,mag,dist_km,station")  # fmt: skip
+    names, rows = list(map(_name, file.rows[header][1])), file.rows[header + 1 :]
+    if header > 0:
+        blank = next(
+            (n for n in range(file.rows[header][0], len(file.lines)) if not file.lines[n].strip(" ,;\t")),
+            None,
+        )
+        rows = [(at, cells) for at, cells in rows if blank is None or at < blank]
     places = {
         key: [names.index(name) for name in spelled if name in names] for key, spelled in _COLUMNS.items()
     }
-    entries = [_entry(_Row.of(places, cells, file.where(at)), table, at + 1) for at, cells in file.rows[1:]]
+    entries = [_entry(_Row.of(places, cells, file.where(at)), table, at + 1) for at, cells in rows]
     if not entries:
         remedy = "say what the files do not, or leave the table away"
         refuse_file("metadata.no_row", table, "a header and no row", "one row a record", remedy)
@@ -138,7 +149,15 @@ def looks_like_table(path: Path) -> bool:
     """Whether a CSV file has the columns of a metadata table."""
     with open_given(path, no_record) as file:
         head = text_of(file.read(_LONGEST_HEADER)) or ""
-    return {"h1", "h2"} <= set(map(_name, Table.of(head.split("\n", 1)[:1], path).names))
+    lines = head.splitlines()
+    headers = lines[:1] + [line for line in lines if "Acc. Filename" in line]
+    return any(_names_files(Table.of([line], path).names) for line in headers)
+
+
+def _names_files(cells: Sequence[str]) -> bool:
+    """Whether a row has the names of the columns of both horizontal components' files."""
+    names = set(map(_name, cells))
+    return all(names.intersection(_COLUMNS[key]) for key in ("h1", "h2"))
 
 
 def _name(name: str) -> str:

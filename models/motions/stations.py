@@ -57,7 +57,7 @@ def triple(group: Sequence[Component]) -> Triple:
     """
     vertical = [c for c in group if _direction(c) in (UP, DOWN)]
     horizontal = [c for c in group if _direction(c) not in (UP, DOWN)]
-    if len(horizontal) != 2 or len(vertical) > 1:
+    if not _may_be_record(group):
         raise InputError(
             "record.channels_unmatched",
             f"{len(group)} channels ({', '.join(c.label or c.path.name for c in group)}):"
@@ -155,9 +155,15 @@ def _apart(group: list[Component]) -> list[list[Component]]:
         parts: dict[object, list[Component]] = defaultdict(list)
         for component in group:
             parts[way(component)].append(component)
-        if len(parts) > 1 and all(len(part) == 3 for part in parts.values()):
+        if len(parts) > 1 and all(map(_may_be_record, parts.values())):
             return list(parts.values())
     return _by_start(group)
+
+
+def _may_be_record(group: Sequence[Component]) -> bool:
+    """Whether channels are two horizontals, and a vertical if there is one."""
+    vertical = sum(_direction(component) in (UP, DOWN) for component in group)
+    return len(group) - vertical == 2 and vertical <= 1
 
 
 def _by_start(group: list[Component]) -> list[list[Component]]:

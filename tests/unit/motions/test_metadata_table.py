@@ -28,6 +28,13 @@ ENTRIES = {
         azimuths: (f"h1,h2,h1_azimuth,h2_azimuth\na,b,{azimuths}", {"h1_azimuth_deg": 90.0, "h2_azimuth_deg": 0.0})
         for azimuths in ("90,0", "N90E,north", "E,NS")
     },
+    "PEER's search results": (
+        " PEER Ground Motion Database\n Search ID:, 1\n\n\n -- Summary of Metadata of Selected Records -- \n"
+        " Result ID, Earthquake Name, Year, Station Name, Magnitude, Rjb (km), Rrup (km), Horizontal-1 Acc. Filename,"
+        " Horizontal-2 Acc. Filename, Vertical Acc. Filename\n"
+        ' 1, "Kobe, Japan", 1995, "KJMA", 6.9, .9, 1.0,  a,  b,  c\n\nThese records are unscaled\n',
+        {"event": "Kobe, Japan", "station": "KJMA", "magnitude": 6.9, "distance_km": 1.0, "names": ("a", "b", "c")},
+    ),
     "capitals and blanks": ("H1, H2, Units\na, b, gal", {"unit_m_s2": 0.01}),
 }  # fmt: skip
 """Tables of one row, and what it states: all else is unknown."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,7 +44,7 @@ class Pedestal:
         Raises
         ------
         InputError
-            If the slope is out of range, or the azimuth is not finite.
+            If the slope is out of range.
         """
         if not 0.0 <= slope_deg < 90.0:
             raise InputError(
@@ -54,13 +53,5 @@ class Pedestal:
                 where="Scene.from_mesh",
                 expected="0 to below 90 degrees",
                 remedy="give the slope as a positive angle and its downhill azimuth as slope_azimuth_deg",
-            )
-        if not math.isfinite(downhill_azimuth_deg):
-            raise InputError(
-                "pedestal.azimuth_unusable",
-                f"slope_azimuth_deg is {downhill_azimuth_deg}",
-                where="Scene.from_mesh",
-                expected="degrees counter-clockwise from x (east)",
-                remedy="give the azimuth toward which the plane falls, or leave it out where the plane is level",
             )
         return cls(np.zeros(3), plane_normal(slope_deg, downhill_azimuth_deg))

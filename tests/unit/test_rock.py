@@ -83,7 +83,7 @@ def test_a_mesh_with_a_part_turned_inside_out_is_refused():
 
 @pytest.mark.parametrize("azimuth_deg", [np.nan, np.inf])
 def test_a_slope_toward_nowhere_is_refused(azimuth_deg):
-    with refused("pedestal.azimuth_unusable", azimuth_deg):
+    with refused("azimuth.unreadable", azimuth_deg):
         Scene.from_mesh((ROCK.vertices_m, ROCK.faces), slope_deg=5.0, slope_azimuth_deg=azimuth_deg)
 
 

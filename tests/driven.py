@@ -89,13 +89,6 @@ class Browser:
             steps = [{"type": "keyDown", "value": held}, *steps, {"type": "keyUp", "value": held}]
         self._act({"type": "key", "id": "keyboard", "actions": steps})
 
-    def type_into(self, selector, text):
-        (found,) = self._ask(
-            "POST", f"{self._session}/elements", {"using": "css selector", "value": selector}
-        )[:1]
-        self._ask("POST", f"{self._session}/element/{found[ELEMENT]}/clear", {})
-        self._ask("POST", f"{self._session}/element/{found[ELEMENT]}/value", {"text": text})
-
     def _act(self, device):
         self._ask("POST", f"{self._session}/actions", {"actions": [device]})
 

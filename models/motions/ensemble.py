@@ -18,6 +18,7 @@ from toppling.models.files.folder import instead, local
 from toppling.models.files.tables import check_bounds, read_table, table_writer, write_table
 from toppling.models.motions.catalogue import CATALOG, MOTIONS, ensemble_id, meaning
 from toppling.models.motions.impose import impose
+from toppling.models.motions.measures import MEASURES
 from toppling.models.motions.motion import Motion
 from toppling.models.motions.place import Place
 from toppling.models.motions.record import Record, motion_sha
@@ -250,8 +251,8 @@ class Ensemble:
 
 def _check_catalog(catalog: pa.Table, folder: Path) -> None:
     """Refuse a catalogue without a column that is read, or with a gap or repetition where none can be."""
-    measures = [("pga_m_s2", pa.float64()), ("strong_azimuth_deg", pa.float64())]
-    for name, kind in (*_IDENTITY, *_ORIGIN, *measures):
+    measures = [(name, pa.float64()) for name, measure in MEASURES.items() if not measure.added_later]
+    for name, kind in (*_IDENTITY, *_ORIGIN, ("strong_azimuth_deg", pa.float64()), *measures):
         at = catalog.schema.get_all_field_indices(name)
         if len(at) != 1 or catalog.schema.field(at[0]).type != kind:
             raise _ensemble_error(

@@ -46,7 +46,6 @@ _COLUMNS = {
 }
 """What is read, and the names that a table, or PEER's, may give it in any case; other columns are left alone."""
 
-
 _UNCORRECTED = ("uncorrected", "raw")
 """How the column `processing` may begin, beside 'corrected'."""
 _OFTEN_UNKNOWN = {"magnitude", "distance_km", "corner_hz", "h1_azimuth", "h2_azimuth"}

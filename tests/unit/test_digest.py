@@ -19,13 +19,6 @@ def table_file(tmp_path):
     return path
 
 
-def aged(path, seconds=60.0):
-    """As if it had been written some time ago."""
-    past = path.stat().st_mtime - seconds
-    os.utime(path, (past, past))
-    return path
-
-
 def test_a_file_is_read_whole_once_and_again_only_when_it_changed(table_file, monkeypatch):
     hashed = []
     genuine = digest._digest

@@ -13,6 +13,7 @@ from refusals import refused
 
 from toppling.models.files.tables import write_table
 from toppling.models.motions.ensemble import CATALOG, MOTIONS, Ensemble
+from toppling.models.motions.measures import MEASURES
 from toppling.models.motions.synthetic import synthetic_ensemble
 
 
@@ -75,6 +76,15 @@ def test_a_catalogue_of_other_motions_is_refused(ensemble, made, tmp_path):
     shutil.copy(ensemble.folder / CATALOG, other.folder / CATALOG)
     with refused("ensemble.files_foreign"):
         Ensemble.load(other.folder)
+
+
+@pytest.mark.parametrize("column", [name for name, measure in MEASURES.items() if not measure.added_later])
+def test_a_catalogue_without_a_measure_that_rows_have_is_refused(ensemble, tmp_path, column):
+    shutil.copytree(ensemble.folder, tmp_path / "e")
+    path = tmp_path / "e" / CATALOG
+    write_table(pq.read_table(path).drop_columns([column]), path)
+    with refused("ensemble.column_missing", column):
+        Ensemble.load(tmp_path / "e")
 
 
 def rewritten(ensemble, folder, name, column, change):

@@ -109,6 +109,7 @@ def _use_everything() -> None:
     settle(body.clockless(body.resting_pose, 0.01, body.curved), body.load_m_s2(), 1, np.inf)
     along, _, up = body.scene_from_support
     tipped_over_m(body.curved, body.resting_pose, up, along, 1.0, 1.0, 1.0)  # no dome, but compiled
+    groove.quasi_static_toppling_m_s2([0.0])
 
 
 def _block_in_groove() -> Scene:

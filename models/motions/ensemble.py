@@ -62,7 +62,6 @@ _OF_RECORD = (
 )  # fmt: skip
 """Columns that are fields of a record."""
 
-
 _ensemble_error = refusals(
     expected="a folder with catalog.parquet and motions.parquet",
     remedy="make one with 'toppling records import FILES --out FOLDER'",

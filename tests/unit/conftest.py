@@ -1,5 +1,7 @@
 """Object stores on this machine."""
 
+import io
+import threading
 from typing import ClassVar
 
 import pytest
@@ -37,6 +39,18 @@ def of_fsspec():
         protocol = "toy"
         store: ClassVar[dict] = {}
         pseudo_dirs: ClassVar[list] = [""]
+
+        # As a real store: one creation of a name succeeds, and who reads has a position of his own.
+        lock = threading.RLock()
+
+        def pipe_file(self, path, value, mode="overwrite", **options):
+            with self.lock:
+                super().pipe_file(path, value, mode, **options)
+
+        def _open(self, path, mode="rb", **options):
+            with self.lock:
+                found = super()._open(path, mode, **options)
+                return io.BytesIO(found.getvalue()) if mode == "rb" else found
 
         def mv(self, source, target):
             if self.exists(target):

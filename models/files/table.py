@@ -74,24 +74,27 @@ class Table(TextFile):
 
         Raises InputError if a row is no CSV.
         """
-        plain = [_MINUS.sub("-", line) for line in lines]
+        plain = [_MINUS.sub("-", line) for line in lines] if any(map(_MINUS.search, lines)) else lines
         first = next(
             (n for n, line in enumerate(plain) if line.strip(" ,;\t") and not _REMARK.match(line)), len(plain)
         )
-        sign = _sign(plain[first:])
-        rows: list[tuple[int, list[str]]] = []
+        plain = plain[first:] if first else plain
+        sign = _sign(plain)
+        reader = _reader(plain, sign or ",")
+        # Rows are made one by one: of a small file with many of them each copy would take a hundred times its size.
+        found = ((first + reader.line_num - 1, [cell.strip() for cell in row]) for row in reader)
         if sign is None:
-            words = [(n, line.split()) for n, line in enumerate(plain[first:], first)]
-            one_column = max((len(row) for _, row in words[1:]), default=2) < 2
-            rows = [(n, [" ".join(row)] if one_column else row) for n, row in words]
-        else:
-            reader = _reader(plain[first:], sign)
-            try:
-                rows += ((first + reader.line_num - 1, [cell.strip() for cell in row]) for row in reader)
-            except csv.Error as error:
-                where = f"{path}:{first + reader.line_num}"
-                raise no_table("table.unreadable", f"is no CSV ({error})", where) from None
-        rows = [(n, row) for n, row in rows if any(row) and (n == first or not row[0].startswith(_REMARKS))]
+            one_column = len(plain) > 1 and all(len(line.split()) < 2 for line in plain[1:])
+            words = ((n, line.split()) for n, line in enumerate(plain, first))
+            found = ((n, [" ".join(row)] if one_column else row) for n, row in words)
+        try:
+            rows = [
+                (n, row) for n, row in found if any(row) and (n == first or not row[0].startswith(_REMARKS))
+            ]
+        except csv.Error as error:
+            raise no_table(
+                "table.unreadable", f"is no CSV ({error})", f"{path}:{first + reader.line_num}"
+            ) from None
         decimal, thousands = _signs_in_numbers(rows, sign, coordinates)
         if (decimal, thousands) != (".", None):
             rows = [(n, [_plain(cell, decimal, thousands or "") for cell in row]) for n, row in rows]

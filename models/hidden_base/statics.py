@@ -78,6 +78,8 @@ def outside_feet(rock: Rock, interface: Interface, part: HiddenPart, height_m: f
     """The rock's vertices beside the hidden base, within the band above the plane, and those above it (u, v, h)."""
     flat = _hull_over(rock, interface)
     grid, side = part.under.grid, part.side_m
+    if interface.edge is not None:
+        side = side[interface.edge.carries(side)]
     low = flat[:, 2] < BAND_PER_HEIGHT * height_m
     unseen = flat[low & ~part.under.hidden.ravel()[grid.index(flat)]]
     if len(side):

@@ -121,7 +121,7 @@ def read_table(table: Path) -> list[Entry]:
             f"no columns h1 and h2 among {shown(list(map(_name, file.names))[:8])}",
             "a CSV table with a header line and at least the columns h1, h2",
             "one row a record: h1,h2,v,unit,event,mag,dist_km,station")  # fmt: skip
-    names, rows = list(map(_name, file.rows[header][1])), file.rows[header + 1 :]
+    names, rows = list(map(_name, file.rows[header][1])), [*file.rows[header + 1 :]]
     if header > 0:
         blank = next(
             (n for n in range(file.rows[header][0], len(file.lines)) if not file.lines[n].strip(" ,;\t")),
@@ -131,7 +131,12 @@ def read_table(table: Path) -> list[Entry]:
     places = {
         key: [names.index(name) for name in spelled if name in names] for key, spelled in _COLUMNS.items()
     }
-    entries = [_entry(_Row.of(places, cells, file.where(at)), table, at + 1) for at, cells in rows]
+    del file
+    rows.reverse()
+    entries = []
+    while rows:  # each row goes as its entry comes: a small file may hold a hundred thousand
+        at, cells = rows.pop()
+        entries.append(_entry(_Row.of(places, cells, f"{table}:{at + 1}"), table, at + 1))
     if not entries:
         remedy = "say what the files do not, or leave the table away"
         refuse_file("metadata.no_row", table, "a header and no row", "one row a record", remedy)

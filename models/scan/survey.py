@@ -26,7 +26,7 @@ from toppling.models.scan.beside import mesh_beside, stands_beside
 from toppling.models.scan.carried_surface import carried_surface, level_surface
 from toppling.models.scan.choice import with_reason
 from toppling.models.scan.close import SHARES, ClosedRock, close_rock
-from toppling.models.scan.crevice import judge_crevice
+from toppling.models.scan.crevice import check_seen, judge_crevice
 from toppling.models.scan.ground import Ground, kept_of, pedestal_ground
 from toppling.models.scan.hanging import beside_hanging, check_above, hanging, seat_of, strays_at_edge
 from toppling.models.scan.hints_file import outside_cloud
@@ -56,6 +56,8 @@ from toppling.models.scene import Scene
 Progress = Callable[[str], None]
 
 STAGES = 6
+_UPWARD = 0.3
+"""Cosine to a given interface's normal above which a patch of the pedestal can carry a rock."""
 _BESIDE_PER_HEIGHT, _UNDERSIDE_PER_HEIGHT = 0.1, 0.25
 """Heights over the interface up to which points of the pedestal, and of the rock, tell about it and the base."""
 _BESIDE_POINTS = 1_000_000
@@ -236,6 +238,10 @@ def _classified(cloud: Cloud, parts: Segmentation, hint: InterfaceHint | None) -
         beside = stands_beside(surfels, rock, pedestal, interface, height)
     if interface.is_bare and beside.any():
         interface = level_surface(surfels, rock, height, interface)
+    if hint is not None:
+        top = pedestal & (surfels.normals @ interface.normal > _UPWARD)
+        top &= np.abs(interface.over(surfels.points_m)[:, 2]) < _BESIDE_PER_HEIGHT * height
+        check_seen(int(top.sum()), "pedestal's top", given=True)
     standing, below = _near_interface(cloud.points_m, label, interface, height)
     low, lit = near_the_interface(interface.over(standing), interface.over(below), height)
     observed = ObservedRock(standing, below, standing[low], below[lit], surfels, rock, height, hint)

@@ -268,18 +268,21 @@ def _of_file(path: Path) -> Array:
 def _read_ages(path: Path) -> tuple[Array, Array]:
     """Years and weights from a file; unit weights where it has none."""
     table = Table.read(path, _file_error, _LARGEST_BYTES)
-    rows, names = [row for _, row in table.rows], table.names
+    names, rows = table.names, [row for _, row in table.rows[1:]]
+    del table
     unit = unit_years(names[0]) if names else None
     if unit is None:
         raise _file_error("age.no_header", f"the first line, {','.join(names)!r}, is no header", path)
     if [name.lower() for name in names[1:]] not in ([], ["weight"], ["probability"]):
         raise _file_error("age.columns_unknown", f"it has the columns {', '.join(names)}", path)
-    if unit == 1.0 and rows[1:] and all(_DOTTED.fullmatch(row[0]) for row in rows[1:]):
+    if unit == 1.0 and rows and all(_DOTTED.fullmatch(row[0]) for row in rows):
         raise _file_error(
-            "age.decimals_ambiguous", f"{rows[1][0]!r} may be decimals, or thousands with a dot between", path
+            "age.decimals_ambiguous", f"{rows[0][0]!r} may be decimals, or thousands with a dot between", path
         )
     try:
-        values = np.array([[float(cell) for cell in row] for row in rows[1:]]).reshape(-1, len(names))
+        if any(len(row) != len(names) for row in rows):
+            raise ValueError(f"not {len(names)} cells")
+        values = np.fromiter((float(cell) for row in rows for cell in row), float).reshape(-1, len(names))
     except ValueError as error:
         raise _file_error(
             "age.row_unreadable", f"it has a line that is no {' and '.join(names)} ({error})", path

@@ -30,7 +30,7 @@ DRAWN = (
     (
         "constrain {demo}/run --age 15000..30000 --hazard {demo}/mean.csv=0.6 --hazard {demo}/high.csv=0.4 --out {out}",
         "constraint.png", "demo_constraint.png",
-        "Rates of exceedance that the standing rock rejects, and two hypothetical hazard curves",
+        "Rates that are inconsistent with the standing rock, and two hazard curves",
     ),
 )  # fmt: skip
 """Command (None: as the one before), picture that it draws, name in the documentation, caption."""
@@ -38,7 +38,7 @@ DRAWN = (
 HEAD = """\
 # Gallery
 
-Made by the program itself; `make gallery` runs the demo and redraws all figures.
+`make gallery` runs the demo and redraws all figures. [From a cloud to a constraint](guide/python.md) in Python.
 """
 
 HAZARD = {"mean.csv": 3e-4, "high.csv": 3e-3}

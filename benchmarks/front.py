@@ -3,8 +3,9 @@
     make demo && .venv/bin/python benchmarks/front.py [JOBS [SHORT_JOBS]]
 
 Writes benchmarks/reports/accuracy.md and its figure. The same jobs on a block, a prism, the demo's scanned rock and a
-rock on three feet, by the presets of both engines, in turns; SHORT_JOBS of the records' strong parts on the scanned
-rock, which show a small bias; and the cases with exact answers. About half an hour for 100 and 2000 jobs on two cores.
+rock on three feet, by the presets of both engines and by PyBullet alone, in turns; SHORT_JOBS of the records' strong
+parts on the scanned rock, which show a small bias; and the cases with exact answers. About half an hour for 100 and
+2000 jobs on two cores.
 """
 
 import math
@@ -45,7 +46,9 @@ STRONG_PART = (0.05, 0.75)
 
 PRESETS = ("fast", "standard", "reference")
 """Whose errors against exact answers are told."""
-SHORT = ("draft", "fast", "standard", "mujoco draft", "mujoco fast")
+SHORT = (
+    "draft", "fast", "standard", "mujoco draft", "mujoco fast", "plain PyBullet 1/240 s", "plain PyBullet 1/1000 s",
+)  # fmt: skip
 
 
 def scenes() -> dict[str, Scene]:
@@ -191,7 +194,8 @@ def main() -> None:
         fill(
             f"Written by `benchmarks/front.py`, {date.today():%B %Y}, physics version "
             f"{PHYSICS_VERSION}; do not edit. The presets of "
-            f"both engines shake each body with the same {count} jobs (any record of the demo's ensemble, any "
+            "both engines, and plain PyBullet with its own contacts and friction at steps of 1/240 to 1/4,000 s, "
+            f"shake each body with the same {count} jobs (any record of the demo's ensemble, any "
             "azimuth, levels from .7 to 5 times the least static toppling acceleration). The tables give, "
             "relative to Bullet's `reference`, the shift of the PGA at which half topple, of the share that "
             "topples (points) and of the largest tilt of rocks that stand (mean log ratio), ± one standard "

@@ -1,9 +1,9 @@
-"""The quasi-static path of a rock on a surface: what it stands in each pose into which a constant acceleration tips it.
+"""Quasi-static path of a rock on a surface: the acceleration that it supports in each pose into which it is tipped.
 
-Which loads the contacts of a pose hold is a linear programme over their cones
-(:mod:`toppling.models.ground.equilibrium`). Under a load just beyond the largest that was held the rock moves by small
-steps: each is the shortest change of a free motion that the contacts ask for, which is a linear programme too. The path
-ends where the rock slides, for then no constant acceleration that is larger leaves it at rest.
+Which loads the contacts of a pose support is a linear programme over their friction cones
+(:mod:`toppling.models.ground.equilibrium`). Under a load just beyond the largest supported one the rock moves by small
+steps, each the least change of a free motion that satisfies the contacts (non-negative least squares). The path ends
+where the rock slides: no larger constant acceleration leaves it at rest.
 """
 
 from __future__ import annotations
@@ -21,29 +21,32 @@ from toppling.models.ground.curved import FIRST_KEY as FIRST_SMOOTH_KEY
 from toppling.models.ground.equilibrium import farthest_load, shortest, wrenches
 from toppling.models.ground.stepping import Grounded, contacts_at_pose
 
-_STEP_SHARE, _LEAST_STEP_SHARE = 0.008, 2e-4
-"""Of R: way of a step, and of one that ends where other contacts carry, or that finds the largest of a rolling rock."""
+_STEP_SHARE = 0.008
+"""Length of a step along the path, as a fraction of the half diagonal R."""
 
-_TOUCHING_SHARE, _PRESSED_SHARE = 1e-6, 5e-5
-"""Of R: contacts so near carry; by so much a rock is pressed on what it touches, to close what a turn has opened."""
+_LEAST_STEP_SHARE = 2e-4
+"""Shortest step, as a fraction of R: towards a pose in which other contacts carry, or the peak of a rolling rock."""
 
-_TIPPED_COSINE = math.cos(0.4)
-"""Of half the tilt up to which a rock is followed."""
+_TOUCHING_SHARE = 1e-6
+"""Gap up to which a contact carries, as a fraction of R."""
+
+_PRESSED_SHARE = 5e-5
+"""Length of the step that closes the gaps opened by a rotation to first order, as a fraction of R."""
+
+_TIPPED_COSINE = math.cos(0.4)  # of half the largest tilt of the path, 0.8 rad
 
 _FOLLOWED_SHARE = 0.4
-"""Of R: way on which a rock that tips is followed past the largest: over the facets of a coarse rounded base."""
+"""Distance along the path past its peak, as a fraction of R, which covers the facets of a coarse rounded base."""
 
 _PASSED = 0.9
-"""Share of the largest acceleration that was held, below which it is past it."""
+"""Fraction of the largest supported acceleration below which its peak is passed."""
 
 _GATHERED = 3e-3
-"""Of g R: energy that is no speed yet, as much as a rough base gathers from one of its corners to the next."""
+"""Energy per mass below which a rock counts as at rest, over g R: that of the unevenness of a rough base."""
 
-_MOST_GRAVITIES = 30.0
-"""What holds more holds everything."""
-
-_MOST_STEPS, _MOST_TRIALS = 600, 12
-"""On a path, and of the length of one step."""
+_MOST_GRAVITIES = 30.0  # acceleration, over g, beyond which a pose supports any
+_MOST_STEPS = 600  # of a path
+_MOST_TRIALS = 12  # of the length of a step
 
 
 def largest_held_m_s2(body: GroundedBody, azimuths_deg: Iterable[float]) -> list[tuple[float, float]]:
@@ -57,10 +60,10 @@ def largest_held_m_s2(body: GroundedBody, azimuths_deg: Iterable[float]) -> list
 
 
 def _followed_m_s2(body: GroundedBody, azimuth_deg: float) -> float:
-    """The largest on the way.
+    """Largest acceleration supported along the path of one azimuth.
 
-    Where a pose stands less than the best so far, the rock gathers energy, the difference times the way; it is at rest
-    again once poses that stand more have taken as much.
+    Where a pose supports less than the best so far, the rock gathers energy: the difference times the distance along
+    the push. It is at rest again once poses that support more have taken as much.
     """
     size_m, g, load = body.size_m, body.gravity_m_s2, body.load_m_s2()
     push = -horizontal_unit_vector(azimuth_deg) @ body.scene_from_support
@@ -81,11 +84,8 @@ def _followed_m_s2(body: GroundedBody, azimuth_deg: float) -> float:
         if held > _MOST_GRAVITIES * g:
             return np.inf
         if rolls and last is peak and pose is not peak and held < best and way_m > _LEAST_STEP_SHARE * size_m:
-            pose, near, way_m = (
-                last,
-                _near(sim, last, size_m),
-                0.25 * way_m,
-            )  # the largest lies between the two
+            # The peak lies between the two poses: go back, and take shorter steps.
+            pose, near, way_m = last, _near(sim, last, size_m), 0.25 * way_m
         else:
             gathered_j_kg = max(gathered_j_kg + (best - 0.5 * (held + before)) * along, 0.0)
             if held > best and rests and gathered_j_kg <= _GATHERED * size_m * g:

@@ -73,17 +73,17 @@ class Fragility(Described):
 
     def _facts(self) -> dict[str, object]:
         known = answered(self.jobs)
-        told = {
+        counts = {
             "run": self.run.name,
             "jobs": f"{len(known):,}, of which {int(known['toppled'].sum()):,} toppled",
         }
         medians = {
             f"half topple at {contact}".strip(): ", ".join(
-                f"{one} {curves[one].median:.3g}" for one in curves
+                f"{measure} {curve.median:.3g}" for measure, curve in curves.items()
             )
             for contact, curves in self.curves.items()
         }
-        return {**told, **medians, "files": f"{len(self.files)} in {self.folder}"}
+        return {**counts, **medians, "files": f"{len(self.files)} in {self.folder}"}
 
 
 def fragility(

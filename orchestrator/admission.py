@@ -15,11 +15,12 @@ from distributed import Client
 
 from toppling.models.errors import InputError
 from toppling.orchestrator.cluster_supervisor import ClusterSupervisor
+from toppling.orchestrator.compiling import COMPILING
 from toppling.orchestrator.context import RunError
 from toppling.orchestrator.delivery import NotDeliveredError, StorageError, send
 from toppling.orchestrator.leaving import let_leave_in_order
 from toppling.orchestrator.processor import unlike
-from toppling.orchestrator.task import RunKey, check
+from toppling.orchestrator.task import RunKey, check, must_compile
 
 log = logging.getLogger(__name__)
 
@@ -40,7 +41,7 @@ def may_be_lost(error: BaseException) -> bool:
     return of_network or error.errno is None or error.errno in _UNREACHABLE  # Dask's own have no number
 
 
-def make_ready(client: Client, *run_keys: RunKey) -> None:
+def make_ready(client: Client, *run_keys: RunKey, tell: Callable[[str], object] = lambda _: None) -> None:
     """Prepare a cluster for the jobs of runs: :func:`check_workers`, and workers that shut down gracefully.
 
     A lost external scheduler is awaited at its address.
@@ -52,7 +53,7 @@ def make_ready(client: Client, *run_keys: RunKey) -> None:
         try:
             if client.status == "running":
                 # First, because it reports workers that cannot load the plugin for graceful shutdown.
-                check_workers(client, *run_keys)
+                check_workers(client, *run_keys, tell=tell)
                 return let_leave_in_order(client)
         except OSError as error:
             if not may_be_lost(error):
@@ -70,13 +71,16 @@ def make_ready(client: Client, *run_keys: RunKey) -> None:
     raise RunError(f"{LOST}, and none came back within {BACK_WITHIN_S:g} s")
 
 
-def check_workers(client: Client, *run_keys: RunKey) -> None:
+def check_workers(client: Client, *run_keys: RunKey, tell: Callable[[str], object] = lambda _: None) -> None:
     """Let every worker load the assets of the first run key; hosts that lack assets of any key receive them.
 
+    tell: receives the activity if workers must compile first.
     Raises InputError if a worker has other versions, or no access to the run's scene and ensemble.
     Raises RunError if the workers of a local cluster repeatedly die at their start.
     """
     _wait_for_a_worker(client)
+    if True in client.run(must_compile, on_error="return").values():
+        tell(COMPILING)
     answers = client.run(check, run_keys[0], on_error="return")
     lacking = {
         worker: NotDeliveredError(answer.host, worker)

@@ -14,10 +14,10 @@ import dask
 from distributed import Client, Status, performance_report
 from distributed.security import Security
 
-from toppling.models.compiled import FOLDER
 from toppling.models.errors import InputError, UsageError
 from toppling.orchestrator.admission import BACK_WITHIN_S
 from toppling.orchestrator.cluster_supervisor import CLOSED, let_resize
+from toppling.orchestrator.compiling import warn_of_no_cache
 from toppling.orchestrator.interrupt import Uninterrupted, signals_blocked
 from toppling.orchestrator.local_workers import LocalWorkers
 from toppling.orchestrator.processor import KERNEL_VARIABLES
@@ -78,10 +78,7 @@ def local(workers: int, most: int | None = None) -> contextlib.AbstractContextMa
 def _local_client(workers: int, most: int) -> Iterator[Client]:
     safe_for_children()
     compile_apart()
-    if FOLDER is None:
-        log.warning(
-            "compiled code cannot be cached: each worker compiles first. TOPPLING_CACHE names a folder for the cache"
-        )
+    warn_of_no_cache()
     load_defaults()
     with Uninterrupted(_local_session(most)) as client:
         let_resize(client.cluster, workers, most)

@@ -15,7 +15,10 @@ from toppling.orchestrator.context import Answer, RunError
 from toppling.orchestrator.delivery import NotDeliveredError
 from toppling.orchestrator.interrupt import held_back
 from toppling.orchestrator.leaving import announced_exit
-from toppling.orchestrator.task import RunKey, UnfitWorkerError
+from toppling.orchestrator.task import RunKey, UnfitWorkerError, is_compiling
+
+_ANSWER_S = 5.0
+"""Time that a worker has to say whether it compiles, s."""
 
 
 class DaskCluster(ClusterSupervisor):
@@ -86,6 +89,14 @@ class DaskCluster(ClusterSupervisor):
         """Pairs of a worker and a key that it is processing."""
         at_hand = self._client.processing().items()
         return {(worker, str(key[-1])) for worker, keys in at_hand for key in keys if isinstance(key, tuple)}
+
+    def compiling(self, workers: Sequence[str]) -> set[str]:
+        """Those of some workers that compile at the moment; a worker that hangs does not answer."""
+        asked = self._client.run(is_compiling, workers=list(workers), on_error="return", asynchronous=True)
+        with suppress(TimeoutError, OSError, KeyError, ValueError):  # of workers that are gone
+            answers = self._client.sync(asyncio.wait_for, asked, _ANSWER_S)
+            return {worker for worker, answer in answers.items() if answer is True}
+        return set()
 
     def dismiss(self, worker: str) -> None:
         """Remove a worker from the cluster."""

@@ -246,6 +246,10 @@ class Execution:
         self._since = {pair: self._since.get(pair, now) for pair in self.cluster.processing()}
         patience_s = self._budget_s + self.work.limits.job_s
         late = {pair for pair, since in self._since.items() if now - since > patience_s}
+        if late and (compiling := self.cluster.compiling([worker for worker, _ in late])):
+            compiling_too = {pair for pair in late if pair[0] in compiling}
+            self._since |= dict.fromkeys(compiling_too, now)
+            late -= compiling_too
         if late:
             self._overdue |= {key for _, key in late}
             for pair in late:

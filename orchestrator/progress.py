@@ -126,26 +126,28 @@ def watcher() -> Iterator[ProgressCallback]:
 
 
 def _lines(console: Console) -> ProgressCallback:
-    last, ended, shown = time.monotonic(), "", False
+    last, ended, shown, what = time.monotonic(), "", False, ""
 
     def watch(progress: RunProgress) -> None:
-        nonlocal last, ended, shown
+        nonlocal last, ended, shown, what
         complete = progress.before + progress.done == progress.total and progress.what != ended
+        begins = progress.what not in ("shaking", what)
         # The first line waits until the remaining time can be estimated.
-        if complete or time.monotonic() - last >= (
-            _LINE_EVERY_S if shown or not progress.done else _FIRST_LINE_S
-        ):
+        wait_s = _LINE_EVERY_S if shown or not progress.done else _FIRST_LINE_S
+        if begins or complete or time.monotonic() - last >= wait_s:
             last, shown = time.monotonic(), True
-            ended = progress.what if complete else ended
-            what = "" if progress.what == "shaking" else f"{progress.what}: "
+            ended, what = progress.what if complete else ended, progress.what
+            named = "" if what == "shaking" else f"{what}: "
             done = f"{progress.before + progress.done}/{progress.total} jobs"
-            console.print(f"{what}{done}  {pace_and_counts(progress)}", soft_wrap=True)
+            console.print(f"{named}{done}  {pace_and_counts(progress)}".rstrip(), soft_wrap=True)
 
     return watch
 
 
 def pace_and_counts(progress: RunProgress) -> str:
-    """Rate, time left, toppled and failed jobs of a session in one line."""
+    """Rate, time left, toppled and failed jobs of a session in one line; empty before its first job."""
+    if not progress.done:
+        return ""
     since = f"of {progress.done} now " if progress.before else ""
     parts = [pace(progress.rate), f"{since}{progress.toppled} toppled", f"{progress.failed} failed"]
     if progress.left_s is not None and progress.before + progress.done < progress.total:

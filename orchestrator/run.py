@@ -12,6 +12,7 @@ from typing import Any
 from distributed import Client
 
 from toppling.orchestrator.admission import make_ready
+from toppling.orchestrator.compiling import COMPILING, is_compiled
 from toppling.orchestrator.context import JobSelection, ProgressCallback, RunProgress, Stage, Work
 from toppling.orchestrator.dispatch import USUAL_LIMITS, Limits
 from toppling.orchestrator.execution import work_off
@@ -22,6 +23,7 @@ from toppling.orchestrator.run_folder import note, prepare, remarks, session, se
 from toppling.orchestrator.studies.conditioning import Weighing
 from toppling.orchestrator.task import versions
 from toppling.results.store import RESULTS_FILE, attempts_with, compact, finished_ids, result_files
+from toppling.workers.compile_once import compile_apart
 from toppling.workers.engines import ENGINES
 
 log = logging.getLogger(__name__)
@@ -57,6 +59,9 @@ def run(
 
         selection = JobsForPrecision(planned, folder, campaign.precision, campaign.target)
     here = dict(versions(campaign.engine))
+    if not (folder.exists() or is_compiled()):  # a new run settles its rocks here
+        watch(RunProgress(len(selection), 0, what=COMPILING))
+        compile_apart()
     prepare(folder, planned, here)
     with session(folder) as notes, journal(folder):
         log_event("session began", process=os.getpid(), jobs=len(planned), versions=here, again=[*again])
@@ -107,6 +112,11 @@ class _Session:
             progress.total = len(selection)
             if not len(left) and not any(stage.due(planned, folder) for stage in last):
                 return
+
+        def tell(activity: str) -> None:
+            progress.what = activity
+            watch(progress)
+
         log_event("work began", **progress.summary())
         with ExitStack() as until_done:
             # A client passed by the caller stays open.
@@ -118,7 +128,7 @@ class _Session:
             work = Work(
                 planned, folder, versions(planned.campaign.engine), client, watch, progress, limits, self.redo
             )
-            make_ready(client, *work.run_keys)
+            make_ready(client, *work.run_keys, tell=tell)
             progress.began = time.monotonic()  # a batch system may have kept it waiting for hours
             for stage in first:
                 stage.carry_out(work)

@@ -22,6 +22,7 @@ from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.code_identity import code
+from toppling.orchestrator.compiling import is_compiled, shake_a_block
 from toppling.orchestrator.delivery import StorageError, delivered, forget
 from toppling.orchestrator.leaving import LEAVING
 from toppling.orchestrator.processor import processor, single_blas_thread
@@ -35,6 +36,9 @@ log = logging.getLogger(__name__)
 
 _ENGINE_LOCK = threading.Lock()
 """Lock of the engine, which is single per process: jobs of workers with several threads must wait for it."""
+
+_COMPILING = threading.Event()
+"""Set while this process compiles, or waits for another one of its machine that does."""
 
 Row = dict[str, Any]
 
@@ -113,7 +117,13 @@ def _check_versions(there: tuple[tuple[str, str], ...]) -> None:
     ]
     if differing:
         raise _unfit("; ".join(differing))
-    compile_once()
+    _COMPILING.set()
+    try:
+        compile_once()
+        if not is_compiled():  # it cannot be cached
+            shake_a_block()
+    finally:
+        _COMPILING.clear()
 
 
 @lru_cache(maxsize=1)
@@ -181,6 +191,16 @@ def shake_batch(run_key: RunKey, settings: Mapping[str, Any], jobs: pa.Table, bu
         if time.perf_counter() >= end or LEAVING.is_set():
             break
     return table_of(rows)
+
+
+def is_compiling() -> bool:
+    """Whether this worker compiles, or waits for another one of its machine that does."""
+    return _COMPILING.is_set()
+
+
+def must_compile() -> bool:
+    """Whether this worker's machine has no compiled code yet."""
+    return not is_compiled()
 
 
 async def check(run_key: RunKey) -> str:

@@ -8,33 +8,26 @@ import threading
 from typing import Any
 
 import dask
-import numpy as np
 from distributed import Worker
 from distributed.security import Security
 
 import toppling.orchestrator.task  # noqa: F401  (what takes long, before a job needs it)
-from toppling.models.compiled import COMPLETE, FOLDER
-from toppling.models.motions.motion import Motion
-from toppling.models.scene import Scene
-from toppling.workers.shake import shake
+from toppling.models.compiled import FOLDER
+from toppling.orchestrator.compiling import is_compiled, shake_a_block
 
 
 def main() -> None:
     """Work until the scheduler, or the program that started this one, is gone."""
-    if FOLDER and (FOLDER / COMPLETE).exists():
-        _shake()  # loads the compiled code while the program that started this one checks its plan
+    if is_compiled():
+        shake_a_block()  # while the program that started this one checks its plan
     if not (line := sys.stdin.readline()):
         return
     settings = json.loads(line)
     threading.Thread(target=_end_with_the_program, daemon=True).start()
     dask.config.update(dask.config.config, settings["config"])
     if FOLDER is None:  # before it joins, or what it compiles would count as a job that hangs
-        _shake()
+        shake_a_block()
     asyncio.run(_work(settings))
-
-
-def _shake() -> None:
-    shake(Scene.block(0.2, 0.2, 0.6), Motion(np.sin(np.mgrid[0:99, 0:3][0]), 0.01))
 
 
 def _end_with_the_program() -> None:

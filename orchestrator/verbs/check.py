@@ -72,6 +72,7 @@ def check(
             if seismograms
             else "Missing argument 'SEISMOGRAMS...'."
         )
+    shared.compile_first()
     with bar("shaking") as advance:
         checked = study.check(scene, seismograms, advance=advance, **asked)
     _show_reading(checked.remarks, checked.notes)
@@ -94,6 +95,7 @@ def _check_table(table: Path, seismograms: Sequence[Path], *, as_json: bool) -> 
         sites = tuple(replace(site, friction=asked["friction"]) for site in sites)
     factors = study.neighbouring_factors(asked["largest"], asked["neighbours"])
     total = sum(len(study.seismograms_of(site, read.found)) for site in sites)
+    shared.compile_first()
     with bar("shaking", total) as advance:
         rows = study.check_sites(sites, read.found, factors, asked["preset"], asked["workers"], advance)
     matrix = study.matrix_of(rows)

@@ -115,6 +115,7 @@ def _plan(out: Path, workers: int, seconds: float) -> None:
     from toppling.models.scene import Scene
     from toppling.orchestrator.pilot import statics_of, try_out
 
+    shared.compile_first()
     scene, ensemble = Scene.load(out / "scene"), Ensemble.load(out / "ensemble")
     pilot = try_out(scene, ensemble, statics_of(scene).least_m_s2, [45.0], (1.0, 1.0), "fast")
     affordable = min(workers, os.cpu_count() or 1) * seconds / pilot.job_s

@@ -62,6 +62,7 @@ def init(
     turned = [round(360.0 * number / azimuths, 6) for number in range(azimuths)]
     axes = {"pga_m_s2": [1.0], "azimuth_deg": turned, "friction": list(frictions), "preset": preset}
     chosen = Campaign.of({"scene": str(scene), "ensemble": str(ensemble), **axes}, Path())
+    shared.compile_first()
     with bar("letting the rock stand"):
         Settlings.of(chosen, rock).checked()
         contact = ContactProperties.of(max(frictions))

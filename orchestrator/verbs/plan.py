@@ -38,6 +38,7 @@ def plan(campaign: Path, table: Path | None, workers: int | None, no_estimate: b
     from toppling.orchestrator.progress import bar
     from toppling.orchestrator.public.running import plan as expand
 
+    shared.compile_first()
     with bar("letting rocks stand, counting jobs"):
         found = expand(chosen)
     planned = found.plan

@@ -50,6 +50,7 @@ def replay(run: Path, job: str, out: Path | None) -> None:
     spec, job_id = specification(run, job)
     of_rock = _rock_of(open_run(run), spec.scene_id)
     assets = Assets(Scene.load(of_rock.scene_folder), Ensemble.load(of_rock.ensemble_folder))
+    shared.compile_first()
     scene, imposed = prepared(spec, assets)
     with bar("shaking"):
         shown, result = _replay_of(scene, imposed.motion, spec.preset, spec.engine)

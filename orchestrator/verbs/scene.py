@@ -35,9 +35,10 @@ def show(folder: Path, out: Path | None) -> None:
     \b
     toppling scene show scenes/rock --out pictures
     """
+    target = out or folder
     from toppling.orchestrator.progress import bar
 
-    target = out or folder
+    shared.compile_first()
     with bar("scene", _SHOW_PARTS) as advance:
         advance(0, "settling")
         from toppling.models.files.folder import rock_name, write_text

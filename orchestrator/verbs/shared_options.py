@@ -142,6 +142,19 @@ def served(server: "Loopback", name: str, opens: bool | None, ended: str) -> Non
             click.echo(ended, err=True)
 
 
+def compile_first() -> None:
+    """Compile in another process, whose memory is then free; in this one where compiled code cannot be cached."""
+    from toppling.orchestrator.compiling import COMPILING, is_compiled, shake_a_block, warn_of_no_cache
+    from toppling.orchestrator.progress import bar
+    from toppling.workers.compile_once import compile_apart
+
+    warn_of_no_cache()
+    with bar(COMPILING):
+        compile_apart()
+        if not is_compiled():
+            shake_a_block()
+
+
 @contextmanager
 def _leading_to(address: str) -> Iterator[str]:
     """Address of a private file that redirects to a page: a browser's command line is visible to other accounts."""

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from statsmodels.stats.proportion import proportion_confint
+from scipy.special import ndtri
 
 from toppling.models.arrays import Array
 
@@ -292,8 +292,10 @@ def _contact_name(values: dict[str, object]) -> str:
 def wilson(probability: pd.Series, trials: pd.Series) -> tuple[pd.Series, pd.Series]:
     """Wilson's 95 % interval of a proportion observed in some trials; null for no trials."""
     some = trials.where(trials > 0)
-    low, high = proportion_confint(probability * some, some, alpha=0.05, method="wilson")
-    return low, high
+    spread = ndtri(0.975) ** 2 / some
+    half = np.sqrt(spread * (probability * (1.0 - probability) + 0.25 * spread))
+    middle = probability + 0.5 * spread
+    return (middle - half) / (1.0 + spread), (middle + half) / (1.0 + spread)
 
 
 def _below(frame: pd.DataFrame, axis: Axis) -> "pd.Series[bool]":

@@ -9,8 +9,6 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
-from sklearn.metrics import brier_score_loss, log_loss, roc_auc_score
-from sklearn.model_selection import GroupKFold
 
 from toppling.models.arrays import Array
 from toppling.models.motions.measures import COMPARED
@@ -35,8 +33,10 @@ def out_of_fold(frame: pd.DataFrame, measures: Sequence[str]) -> pd.Series:
     folds = min(_FOLDS, frame["record_id"].nunique())
     if folds < 2:
         return predicted
-    for train, test in GroupKFold(folds).split(frame, groups=frame["record_id"]):
-        fitted = fit(frame.iloc[train], measures)
+    fold = _folds_of(frame["record_id"], folds)
+    for number in range(folds):
+        test = np.flatnonzero(fold == number)
+        fitted = fit(frame.iloc[np.flatnonzero(fold != number)], measures)
         standing, toppled = fitted.bounds
         if not fitted.problem:
             predicted.iloc[test] = fitted.probability(frame.iloc[test])
@@ -52,11 +52,24 @@ def scores(toppled: ArrayLike, predicted: ArrayLike) -> dict[str, float]:
     truth, guess = np.asarray(toppled, bool), np.asarray(predicted, float)
     if np.isnan(guess).any() or truth.all() or not truth.any():
         return dict.fromkeys(("brier", "log_loss", "auc"), math.nan)
+    toppled_ranks, count = pd.Series(guess).rank()[truth], truth.sum()
+    # The share of pairs of a toppled and a standing job that are in the right order (Mann and Whitney's U).
+    ordered = toppled_ranks.sum() - count * (count + 1) / 2
     return {
-        "brier": float(brier_score_loss(truth, guess)),
-        "log_loss": float(log_loss(truth, guess)),
-        "auc": float(roc_auc_score(truth, guess)),
+        "brier": float(np.mean((guess - truth) ** 2)),
+        "log_loss": float(_loss(truth, guess).mean()),
+        "auc": float(ordered / (count * (len(truth) - count))),
     }
+
+
+def _folds_of(record_id: pd.Series, folds: int) -> NDArray[np.int64]:
+    """Fold of each job, by records, of about equally many jobs: the largest record first, into the smallest fold."""
+    codes, _ = pd.factorize(record_id, sort=True)
+    jobs, size, of_record = np.bincount(codes), np.zeros(folds), np.zeros(codes.max() + 1, np.int64)
+    for record in np.argsort(jobs, kind="stable")[::-1]:
+        of_record[record] = size.argmin()
+        size[of_record[record]] += jobs[record]
+    return of_record[codes]
 
 
 def compare_measures(

@@ -24,12 +24,14 @@ class FakeCluster:
     workers: int = 2
     jobs_at_once: int = 5
     now_s: float = 0.0
+    compiled_at_s: float = 0.0
     full_hosts: bool = False
     waiting: deque = field(default_factory=deque)
     hanging: dict = field(default_factory=dict)
     begun: Counter = field(default_factory=Counter)
     keys: set = field(default_factory=set)
     told: list = field(default_factory=list)
+    told_at: list = field(default_factory=list)
     dead: list = field(default_factory=list)
 
     def __post_init__(self):
@@ -85,8 +87,13 @@ class FakeCluster:
     def processing(self):
         return {(worker, key) for key, worker in self.hanging.items()}
 
+    def compiling(self, workers):
+        """The workers of jobs that their test lets compile, until a moment."""
+        return set(workers) if self.now_s < self.compiled_at_s else set()
+
     def replace(self, workers):
         self.told.append(("replace", tuple(workers)))
+        self.told_at.append(("replace", self.now_s))
         for key in [key for key, worker in self.hanging.items() if worker in workers]:
             self.dead.append(Answer(key, "died", RuntimeError("killed"), self.hanging.pop(key)))
 

@@ -26,7 +26,7 @@ def test_a_worker_that_leaves_while_all_are_asked_is_no_lost_scheduler(cluster, 
             raise OSError("Stream is closed")
 
     monkeypatch.setattr(admission, "let_leave_in_order", ask)
-    monkeypatch.setattr(admission, "check_workers", lambda client, *orders: None)
+    monkeypatch.setattr(admission, "check_workers", lambda *_, **__: None)
     admission.make_ready(client)
     assert len(asked) == 3
 
@@ -39,7 +39,7 @@ def test_a_scheduler_of_ours_that_is_lost_is_not_waited_for(monkeypatch):
         raise OSError("Stream is closed")
 
     monkeypatch.setattr(admission, "let_leave_in_order", ask)
-    monkeypatch.setattr(admission, "check_workers", lambda client, *orders: None)
+    monkeypatch.setattr(admission, "check_workers", lambda *_, **__: None)
     with pytest.raises(RunError, match=r"the connection to the scheduler is lost$"):
         admission.make_ready(client)
 
@@ -56,7 +56,7 @@ def test_what_a_disk_or_a_limit_refuses_is_told_as_that_at_once(number, path, cl
     client = SimpleNamespace(status="running", cluster=cluster)
     refused = OSError(number, os.strerror(number), *([path] if path else []))
 
-    def ask(client, *orders):
+    def ask(*_, **__):
         raise refused
 
     monkeypatch.setattr(admission, "check_workers", ask)

@@ -113,6 +113,14 @@ def test_workers_that_leave_cost_no_try_and_are_no_deaths(session):
     assert any(entry["event"] == "worker left" for entry in one.log)
 
 
+def test_a_worker_that_compiles_past_its_time_is_not_replaced(planned, session):
+    slow = job_of(planned, 3)
+    one = session(faults=lambda job, begun: "hang" if (job, begun) == (slow, 1) else None, compiled_at_s=50.0)
+    one(limits=Limits(job_s=5.0))
+    (replaced,) = [at_s for what, at_s in one.cluster.told_at if what == "replace"]
+    assert replaced >= 50.0
+
+
 def test_a_worker_that_hangs_is_replaced_while_the_others_go_on_and_a_job_that_always_hangs_is_told(
     planned, session
 ):

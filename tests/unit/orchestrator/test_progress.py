@@ -15,6 +15,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "results"))
 from toppling.models.scene import Scene
 from toppling.orchestrator import progress as progress_module
 from toppling.orchestrator.cli import cli
+from toppling.orchestrator.compiling import COMPILING
 from toppling.orchestrator.context import RunProgress
 from toppling.orchestrator.progress import bar, duration, each, pace, pace_and_counts, watcher
 
@@ -55,6 +56,13 @@ def test_a_session_that_is_complete_says_so_once(capsys):
     first, second = capsys.readouterr().err.splitlines()
     assert first.startswith("1/1 jobs")
     assert second.startswith("auditing: 1/1 jobs")
+
+
+def test_an_activity_before_the_jobs_is_told_as_it_begins(capsys):
+    with watcher() as watch:
+        for what in (COMPILING, COMPILING, "shaking"):
+            watch(RunProgress(total=288, before=0, what=what))
+    assert capsys.readouterr().err.splitlines() == [f"{COMPILING}: 0/288 jobs"]
 
 
 def test_without_a_terminal_work_speaks_in_lines_even_while_no_part_ends(capsys):

@@ -69,10 +69,6 @@ _PRINTED_DISTANCES_KM = (1, 2, 5, 10, 20, 50, 100)
     "--basin", "depth_1_0_km", type=click.FloatRange(0, 3),
     help="km; depth to a shear-wave velocity of 1 km/s at the rock; the model's own estimate unless given.",
 )  # fmt: skip
-@option(
-    "--site-term", type=click.FloatRange(0, 0.6), default=0.4,
-    help="Standard deviation (ln) of the site's own term, a part of the models' sigma that all earthquakes share.",
-)  # fmt: skip
 @option("--measure", type=click.Choice(list(MEASURES)), default="pgv_m_s", help="Of the fragility.")
 @option(
     "--confidence", type=click.FloatRange(0.5, 1, max_open=True), default=0.95,
@@ -108,7 +104,6 @@ def magnitudes(
     rock: Path,
     models: tuple[str, ...],
     measure: str,
-    site_term: float,
     confidence: float,
     events: tuple[int, ...],
     recurrence: tuple[float, ...],
@@ -143,17 +138,17 @@ def magnitudes(
     jobs = read_jobs(rock, where, trusted, None) if rock.is_dir() else None
     with bar("bootstrap of records", SAMPLES if jobs else 0) as advance:
         standing = standing_rock(names_of((rock,))[0], rock, measure, jobs, advance)
-    grid = exclusion.motion_grid(grid_of, weights, site_term)
+    grid = exclusion.motion_grid(grid_of, weights)
     at_traces = (
-        exclusion.motion_grid(grid_of, weights, site_term, [trace.distance_km for trace in traces])
-        if traces else None
-    )  # fmt: skip
+        exclusion.motion_grid(grid_of, weights, [trace.distance_km for trace in traces]) if traces else None
+    )
     occurrences = [exclusion.one_event(confidence, count) for count in dict.fromkeys(events)]
     occurrences += [exclusion.recurring(confidence, years, every) for every in dict.fromkeys(recurrence)]
     answer = _Answer(standing, grid, at_traces, occurrences, traces, exclusion.reference_grid(grid_of, grid))
     statement = answer.statement() | {
         "models": [{"name": name, "weight": weight} for name, weight in zip(names, grid.weights.tolist(), strict=True)],
-        **asked, "site_term": site_term, "effects": exclusion.effects(grid_of, grid), "confidence": confidence,
+        **asked, "sigma": exclusion.sigma_parts(answer.reference, measure),
+        "effects": exclusion.effects(grid_of, grid), "confidence": confidence,
         "age": age_given(age or ""), "age_years": float(years.mean()) if age else None,
         "without_site_term": [model.name for model in grid_of if not model.has_site_term],
     }  # fmt: skip
@@ -271,7 +266,7 @@ class _Answer:
 
     def _at_reference(self, case: exclusion.Occurrence) -> dict[str, float]:
         """Probability of toppling at the reference, and what it would be with a site term drawn in each earthquake."""
-        anew = replace(self.reference, site_term=0.0)
+        anew = replace(self.reference, between_sites=0.0 * self.reference.sigma)
         found = (exclusion.toppled(grid, self.rock.curve, case) for grid in (self.reference, anew))
         return dict(zip(("topples", "topples_ergodic"), (float(value[0]) for value in found), strict=True))
 
@@ -355,6 +350,12 @@ def _words(statement: dict[str, Any]) -> str:
                 f"earthquake, with {case['topples_ergodic']:.3f}"
             )
     lines += map(_fault_line, statement["faults"])
+    lines.append(
+        "{}, sigma {total:.3f} consists of {between_events:.3f} between events, {between_sites:.3f} between sites "
+        "(shared by all earthquakes here) and {remaining:.3f} remaining (Al Atik, 2015, global model).".format(
+            at[0].upper() + at[1:], **statement["sigma"]
+        )
+    )
     if statement["ratio"] == 1.0:
         lines.append(
             "The models' component (RotD50) is taken as the peak of the horizontal vector; give --ratio, about 1.2, to "

@@ -43,6 +43,15 @@ MECHANISMS = ("SS", "NS", "RS", "U")
 MEASURES = {"pga_m_s2": None, "pgv_m_s": None, "sa_1s_m_s2": 1.0, "sa_2s_m_s2": 2.0}
 """Measures that the models predict, with the period of spectral accelerations, s."""
 
+_BETWEEN_EVENTS = {"pgv_m_s": (0.3733, 0.3639, 0.3434, 0.3236), "": (0.4518, 0.4270, 0.3863, 0.3508)}
+"""Between-event standard deviation tau at magnitudes 4.5, 5, 5.5 and 6.5 (Al Atik, 2015, PEER 2015/07, global model),
+of PGV and of accelerations; constant beyond."""
+_SINGLE_STATION = {
+    "pgv_m_s": (0.5034, 0.3585), "pga_m_s2": (0.5477, 0.3505), "sa_1s_m_s2": (0.4519, 0.4257),
+    "sa_2s_m_s2": (0.4026, 0.4026),
+}  # fmt: skip
+"""Single-station within-event standard deviation phi_SS at magnitudes 5 and 6.5 (the same global model)."""
+
 _MAGNITUDES = (4.5, 8.5)
 _DISTANCES_KM = (1.0, 300.0)
 """Ranges of magnitude and distance (km) that models are evaluated in; each model's own limits narrow them."""
@@ -137,11 +146,17 @@ class GroundMotionModel:
         """Whether the model depends on Vs30; others are for hard rock."""
         return any(parameter.name == "v_s30" for parameter in self._class.PARAMS)
 
-    def motion(self, magnitude: ArrayLike, distance_km: ArrayLike) -> tuple[NDArray, NDArray]:
-        """Natural logarithm of the median (SI) and sigma, for broadcast magnitudes and distances."""
+    def motion(self, magnitude: ArrayLike, distance_km: ArrayLike) -> tuple[NDArray, NDArray, NDArray]:
+        """Natural logarithm of the median (SI), sigma and its part between sites, by broadcast magnitude and distance.
+
+        sigma^2 = tau^2 + phi_S2S^2 + phi_SS^2 (Al Atik et al., 2010): phi_S2S is what the global tau and phi_SS leave
+        of the model's sigma, 0 where they leave nothing.
+        """
         pairs = np.broadcast(np.asarray(magnitude, float), np.asarray(distance_km, float))
         found = np.array([self._point(*pair) for pair in pairs]).reshape(*pairs.shape, 2)
-        return found[..., 0], found[..., 1]
+        mean, sigma = found[..., 0], found[..., 1]
+        between_events, single_station = single_station_parts(self.measure, magnitude)
+        return mean, sigma, np.sqrt(np.maximum(sigma**2 - between_events**2 - single_station**2, 0.0))
 
     def _point(self, magnitude: float, distance_km: float) -> tuple[float, float]:
         pygmm = importlib.import_module("pygmm")
@@ -190,6 +205,14 @@ class GroundMotionModel:
     def _within(self, name: str, widest: tuple[float, float]) -> tuple[float, float]:
         low, high = self._limits(name) or widest
         return max(low, widest[0]), min(high, widest[1])
+
+
+def single_station_parts(measure: str, magnitude: ArrayLike) -> tuple[NDArray, NDArray]:
+    """Parts tau and phi_SS of sigma at one site, by the global model of Al Atik (2015)."""
+    tau = _BETWEEN_EVENTS.get(measure, _BETWEEN_EVENTS[""])
+    return np.interp(magnitude, (4.5, 5.0, 5.5, 6.5), tau), np.interp(
+        magnitude, (5.0, 6.5), _SINGLE_STATION[measure]
+    )
 
 
 @contextmanager

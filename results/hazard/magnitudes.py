@@ -5,11 +5,11 @@ lognormal fragility (median theta, spread beta) with
 
     P(M, R) = Phi((mu - ln theta) / sqrt(sigma^2 + beta^2)).
 
-Sigma has a between-event part, a site-to-site part phi_S2S, and a remainder. All earthquakes share the site's own term
-s (standard deviation phi_S2S), so that n of them leave the rock standing with E_s[(1 - P(s))^n], where P(s) has the
-median exp(mu + s) and a spread without phi_S2S; a source that repeats them every T years (Poisson) over an age
-A with E_s,A[exp(-P(s) A / T)]. An earthquake is excluded with confidence C where that is at most 1 - C. Models are
-averaged by their weights after the power.
+Sigma has a between-event part tau, a site-to-site part phi_S2S, and a remainder phi_SS (Al Atik et al., 2010). All
+earthquakes share the site's own term s (standard deviation phi_S2S), so that n of them leave the rock standing with
+E_s[(1 - P(s))^n], where P(s) has the median exp(mu + s) and a spread without phi_S2S; a source that repeats them every
+T years (Poisson) over an age A with E_s,A[exp(-P(s) A / T)]. An earthquake is excluded with confidence C where that is
+at most 1 - C. Models are averaged by their weights after the power.
 """
 
 import math
@@ -27,7 +27,7 @@ from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.motions.deaggregation import Bin
 from toppling.results.analysis.lognormal import Lognormal, ends
-from toppling.results.hazard.gmm import GroundMotionModel
+from toppling.results.hazard.gmm import GroundMotionModel, single_station_parts
 
 _MAGNITUDE_STEP = 0.1
 """Step of the grid of magnitudes."""
@@ -52,8 +52,8 @@ class MotionGrid:
     # (models, m, r): mean and standard deviation of the logarithm of the motion in SI.
     mean: Array
     sigma: Array
+    between_sites: Array  # (models, m, r): phi_S2S, standard deviation of the site's own term, part of sigma
     weights: Array  # (models,): weights of the models, summing to 1
-    site_term: float = 0.0  # phi_S2S: standard deviation of the site's own term, part of sigma
 
 
 @dataclass(frozen=True)
@@ -78,8 +78,8 @@ def toppling_probability(fragility: Lognormal, mean: ArrayLike, sigma: ArrayLike
 
 def toppled(grid: MotionGrid, fragility: Lognormal, occurrence: Occurrence) -> Array:
     """Probability that the earthquakes topple the rock at least once, (m, r)."""
-    mean = grid.mean[..., None] + grid.site_term * _NODES
-    spread = np.sqrt(np.maximum(grid.sigma**2 - grid.site_term**2, 0.0))[..., None]
+    mean = grid.mean[..., None] + grid.between_sites[..., None] * _NODES
+    spread = np.sqrt(np.maximum(grid.sigma**2 - grid.between_sites**2, 0.0))[..., None]
     stands = occurrence.survival(toppling_probability(fragility, mean, spread)) @ (
         _NODE_WEIGHTS / _NODE_WEIGHTS.sum()
     )
@@ -87,13 +87,11 @@ def toppled(grid: MotionGrid, fragility: Lognormal, occurrence: Occurrence) -> A
 
 
 def motion_grid(
-    models: Sequence[GroundMotionModel], weights: Sequence[float], site_term: float = 0.0,
-    distances_km: ArrayLike | None = None,
-) -> MotionGrid:  # fmt: skip
+    models: Sequence[GroundMotionModel], weights: Sequence[float], distances_km: ArrayLike | None = None
+) -> MotionGrid:
     """Motions of models over the magnitudes and distances that are valid for all of them.
 
     weights: weights of the models, summing to 1.
-    site_term: phi_S2S, in natural logarithms.
     distances_km: distances of the grid instead; those outside the models' range are clipped to it.
     """
     if not (len(weights) == len(models) and min(weights) > 0 and abs(sum(weights) - 1.0) < 1e-3):
@@ -111,22 +109,35 @@ def motion_grid(
         np.geomspace(near, far, _DISTANCES) if distances_km is None else np.clip(distances_km, near, far)
     )
     found = [model.motion(magnitude[:, None], distance) for model in models]
-    mean, sigma = (np.array([pair[number] for pair in found]) for number in (0, 1))
-    if site_term > (least_sigma := sigma.min()):
-        raise InputError(
-            "model.site_term_too_large",
-            what=f"a site term of {site_term:g} in a sigma of {least_sigma:.2g}",
-            where="--site-term",
-            expected="a part of the models' sigma",
-            remedy="give less, or leave it out",
-        )
-    return MotionGrid(magnitude, distance, mean, sigma, np.array(weights) / sum(weights), site_term)
+    mean, sigma, between_sites = map(np.array, zip(*found, strict=True))
+    return MotionGrid(magnitude, distance, mean, sigma, between_sites, np.array(weights) / sum(weights))
 
 
 def reference_grid(models: Sequence[GroundMotionModel], grid: MotionGrid) -> MotionGrid:
-    """Motions at `REFERENCE` with the weights and site term of a grid."""
-    mean, sigma = np.swapaxes([model.motion([REFERENCE[0]], [REFERENCE[1]]) for model in models], 0, 1)
-    return replace(grid, mean=mean, sigma=sigma)
+    """Motions at `REFERENCE` with the weights of a grid."""
+    return _motions(models, grid, [([REFERENCE[0]], [REFERENCE[1]])] * len(models))
+
+
+def _motions(models: Sequence[GroundMotionModel], grid: MotionGrid, at: Sequence[tuple]) -> MotionGrid:
+    mean, sigma, between_sites = np.swapaxes(
+        [model.motion(*pair) for model, pair in zip(models, at, strict=True)], 0, 1
+    )
+    return replace(grid, mean=mean, sigma=sigma, between_sites=between_sites)
+
+
+def sigma_parts(grid: MotionGrid, measure: str) -> dict[str, float]:
+    """Sigma at `REFERENCE` and its parts: root mean squares over the models.
+
+    The between-event part and the remainder are smaller than Al Atik's where a model's sigma is.
+    """
+    total, between_sites = grid.sigma[:, 0], grid.between_sites[:, 0]
+    between_events, remaining = single_station_parts(measure, REFERENCE[0])
+    share = np.sqrt((total**2 - between_sites**2) / (between_events**2 + remaining**2))
+    parts = {
+        "total": total, "between_events": share * between_events, "between_sites": between_sites,
+        "remaining": share * remaining,
+    }  # fmt: skip
+    return {name: math.sqrt(grid.weights @ part**2) for name, part in parts.items()}
 
 
 def effects(models: Sequence[GroundMotionModel], grid: MotionGrid) -> list[dict[str, Any]]:
@@ -238,7 +249,7 @@ def excluded_bins(
 ) -> pd.DataFrame:  # fmt: skip
     """Toppling probability and exclusion of the earthquake at the centre of each contributing deaggregation bin.
 
-    models, grid: ground-motion models, and their grid with its weights and site term.
+    models, grid: ground-motion models, and their grid with its weights.
     Returns DataFrame: one row per occurrence and bin: occurrence, magnitude, distance_km (centres), share (fraction of
     the deaggregated hazard), topples (probability that one such earthquake topples the rock), excluded, beyond_models
     (whether it was clipped to the models' range). The largest contribution first.
@@ -251,8 +262,7 @@ def excluded_bins(
         (np.clip(magnitude, *model.magnitudes), np.clip(distance, *model.distances_km)) for model in models
     ]
     beyond = np.any([(m != magnitude) | (r != distance) for m, r in within], axis=0)
-    mean, sigma = np.swapaxes([model.motion(*pair) for model, pair in zip(models, within, strict=True)], 0, 1)
-    there = replace(grid, mean=mean, sigma=sigma)
+    there = _motions(models, grid, within)
     topples = toppled(there, fragility, one_event(0.5))
     tables = [
         pd.DataFrame({

@@ -197,10 +197,10 @@ def drawn_weights(prior: Array, survivals: Array) -> Array:
 
 
 def level_choices(paths: Sequence[str]) -> dict[str, list[str]]:
-    """Choice of each branch at each level of the logic tree, from OpenQuake's abbreviated paths.
+    """Choice of each branch at each level of the logic tree, from its path.
 
-    Each letter is a level where all paths have equal length; otherwise each part between ~ is one. Levels at which all
-    branches have the same choice are left out.
+    In OpenQuake's abbreviated paths each letter is a level where all have equal length; otherwise each part between ~
+    is one, which may be LEVEL=CHOICE. Levels at which all branches have the same choice are left out.
 
     Returns dict of lists of str, by the level's name, such as "source 1", "ground motion 2".
     """
@@ -212,7 +212,13 @@ def level_choices(paths: Sequence[str]) -> dict[str, list[str]]:
         names = ["source", "ground motion"]
     levels: dict[str, list[str]] = {}
     for name, column in zip(names, zip(*parts, strict=True), strict=True):
-        choices = _choices(column)
+        titled = [text.partition("=") for text in column]
+        if not column[0].startswith("[") and {title + sign for title, sign, _ in titled} == {
+            titled[0][0] + "="
+        }:
+            name, choices = titled[0][0], [[choice for _, _, choice in titled]]
+        else:
+            choices = _choices(column)
         for number, chosen in enumerate(choices, 1):
             if len(set(chosen)) > 1:
                 levels[f"{name} {number}" if len(choices) > 1 else name] = list(chosen)

@@ -49,6 +49,11 @@ def _tree(group: Sequence[Statement], weights: Realisations | None, where: str) 
     fractiles = {float(one.key or 0): one.curve for one in by_kind.get("fractile", ())}
     parts = tuple(one.curve for one in by_kind.get("part", ()))
     realisations = by_kind.get("realisation", [])
+    own = {int(one.key or 0): one for one in realisations if one.weight is not None}
+    if own and weights is None:
+        stated = {n: float(one.weight or 0.0) for n, one in own.items()}
+        paths = {n: one.path for n, one in own.items()}
+        weights = Realisations(realisations[0].curve.source, stated, paths)
     if len(realisations) > 1 or (realisations and weights):
         branches = _branches(realisations, weights, where)
         return HazardTree(measure, branches, str(weights and weights.source), fractiles, parts)

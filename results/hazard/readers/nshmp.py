@@ -1,8 +1,9 @@
 """Curves of nshmp-haz: totals, contributions of ground-motion models and of source types, and the web service's JSON.
 
-The header is `[name,]lon,lat,<level>...`, in OpenSHA's maps `Index,Latitude,Longitude,<level>...`. The measure is the
-name of the folder (PGA/curves.csv); whether values are annual rates or probabilities in one year, only `config.json` in
-the output's root tells (`hazard.valueFormat`).
+The header is `[name,]lon,lat,<level>...`, in OpenSHA's maps `Index,Latitude,Longitude,<level>...`, in its logic trees
+`[Site Name,]Branch Index,Branch Weight,[<level of the tree>...,]<level>...`. The measure is the name of the folder
+(PGA/curves.csv); whether values are annual rates or probabilities in one year, only `config.json` in the output's root
+tells (`hazard.valueFormat`).
 """
 
 import re
@@ -15,16 +16,16 @@ import numpy as np
 from toppling.models.files.csv_text import is_numeral
 from toppling.models.files.documents import json_of, read_json
 from toppling.models.motions.formats.units import unit_of
+from toppling.results.hazard.curves import HazardCurve
 from toppling.results.hazard.measure_names import LONGEST_NAME, imt_of, measure_of, quantity_of
 from toppling.results.hazard.readers.stated import HazardFile, Statement, refuse, refused
 
 _DEPTH = 5
 """Folders between a file of curves and the root of its output, at most: IMT/source/TYPE/curves.csv."""
 
-_PLACES = {"Longitude": "lon", "Latitude": "lat"}
-"""OpenSHA's names of the columns of places, and nshmp-haz's."""
-_MOST_BEFORE = 3
-"""Columns before the first level."""
+_NAMES = {"Longitude": "lon", "Latitude": "lat", "Site Name": "name"}
+"""OpenSHA's names of the columns, and nshmp-haz's."""
+_BRANCH, _WEIGHT = "Branch Index", "Branch Weight"
 
 _MAGNITUDE = re.compile(r"mag(?:nitude)?s?|m_?w", re.IGNORECASE)
 """Name of a column of magnitudes."""
@@ -43,17 +44,19 @@ def matches(file: HazardFile) -> bool:
         return '"response"' in file.text and ('"xvalues"' in file.text or '"xs"' in file.text)
     header = _header(file.table.names)
     first = _first_level(header)
-    return 0 < first <= _MOST_BEFORE and len(header) > first + 1 and all(map(is_numeral, header[first:]))
+    before = set(header[:first])
+    known = before >= {"lon", "lat"} or before >= {_BRANCH, _WEIGHT}
+    return known and len(header) > first + 1 and all(map(is_numeral, header[first:]))
 
 
 def _header(cells: Sequence[str]) -> list[str]:
     """Names of columns, of places as nshmp-haz calls them."""
-    return [_PLACES.get(cell.strip(), cell.strip()) for cell in cells]
+    return [_NAMES.get(cell.strip(), cell.strip()) for cell in cells]
 
 
 def _first_level(header: Sequence[str]) -> int:
-    """Number of the first column behind the place; 0 where there is none."""
-    return max(map(header.index, _PLACES.values())) + 1 if {*_PLACES.values()} <= {*header} else 0
+    """Number of the first column of values, whose name is their level."""
+    return next((n for n, name in enumerate(header) if is_numeral(name)), len(header))
 
 
 def other_output(file: HazardFile) -> tuple[str, str] | None:
@@ -97,12 +100,24 @@ def read(file: HazardFile) -> list[Statement]:
     found = []
     for line, row in file.wanted_rows(rows, header, "name"):
         values = [file.number(line, cell) for cell in row[first:]]
+        about = dict(zip(header[:first], row, strict=False))
         curve = file.curve(
-            measure, levels, values, years, part or total, site=file.place_of(line, row, header),
-            site_name=row[header.index("name")] if "name" in header else "",
+            measure, levels, values, years, part or total, site_name=about.get("name", ""),
+            site=file.place_of(line, row, header) if "lon" in about else None,
         )  # fmt: skip
-        found.append(Statement(curve, "part" if part else "curve", part or None, str(_root(where) or "")))
+        if _WEIGHT in about:
+            found.append(_branch(file, line, curve, about))
+        else:
+            found.append(Statement(curve, "part" if part else "curve", part or None, str(_root(where) or "")))
     return found
+
+
+def _branch(file: HazardFile, line: int, curve: HazardCurve, about: dict[str, str]) -> Statement:
+    """Branch of a logic tree of OpenSHA, whose choices stand between its weight and its values."""
+    number, weight = (file.number(line, about[name]) for name in (_BRANCH, _WEIGHT))
+    at = list(about).index(_WEIGHT) + 1
+    path = "~".join(f"{level}={choice}" for level, choice in list(about.items())[at:])
+    return Statement(curve, "realisation", int(number), weight=weight, path=path)
 
 
 def _part(path: Path, level: int) -> str:

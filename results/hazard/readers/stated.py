@@ -5,6 +5,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -104,8 +105,9 @@ class HazardFile:
     @property
     def measure_elsewhere(self) -> str | None:
         """Measure that the file's name states, or else the user; refused if they differ."""
-        words = map(measure_of, re.split(r"[\s_-]+", self.path.stem))
-        named, said = {found[0] for found in words if found}, self.hints.measure
+        words = re.split(r"[\s_-]+", self.path.stem)
+        pairs = [f"{first} {second}" for first, second in pairwise(words)]  # of SA and its period
+        named, said = {found[0] for found in map(measure_of, words + pairs) if found}, self.hints.measure
         if len(named) == 1 and said not in (None, *named):
             self.refuse("hazard.measures_differ", f"is named after {min(named)}, and --measure is {said}",
                 "give the file of that measure, or another name if it is one")  # fmt: skip
@@ -163,6 +165,8 @@ class HazardFile:
         if isinstance(site, str):
             names = [row[header.index(name_column)] for _, row in rows] if name_column in header else []
             return [rows[number] for number in of_name(names, site, str(self.path))]
+        if "lon" not in header:
+            return list(rows)
         places = [self.place_of(line, row, header) for line, row in rows]
         away = distance_km([place[0] for place in places], [place[1] for place in places], site)
         return [rows[int(away.argmin())]]
@@ -185,6 +189,8 @@ class Statement:
     kind: str = "curve"
     key: float | str | None = None  # number of the realisation, probability of the fractile, name of the part
     calculation: str = ""  # what tells calculations apart, where a file says: OpenQuake's checksum
+    weight: float | None = None  # of a realisation, where its own file states it
+    path: str = ""  # of such a realisation: LEVEL=CHOICE for each level of the tree, with ~ between
 
 
 @dataclass(frozen=True)

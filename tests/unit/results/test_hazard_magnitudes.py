@@ -26,6 +26,8 @@ from toppling.results.hazard.magnitudes import (
     motion_grid,
     one_event,
     recurring,
+    reference_grid,
+    sigma_parts,
     toppled,
     toppling_probability,
 )
@@ -37,6 +39,7 @@ class Simple:
     """ln PGV = -2 + 1.2 (M - 6) - 1.3 ln(R / 10 km), spread 0.6: invertible by hand."""
 
     shift: float = 0.0
+    between_sites: float = 0.0
     magnitudes: tuple[float, float] = (4.5, 8.5)
     distances_km: tuple[float, float] = (1.0, 300.0)
 
@@ -44,7 +47,7 @@ class Simple:
         mean = (
             -2.0 + self.shift + 1.2 * (np.asarray(magnitude) - 6) - 1.3 * np.log(np.asarray(distance_km) / 10)
         )
-        return mean, np.full(np.shape(mean), 0.6)
+        return mean, np.full(np.shape(mean), 0.6), np.full(np.shape(mean), self.between_sites)
 
 
 ROCK = Lognormal("pgv_m_s", 0.35, 0.3)
@@ -79,7 +82,7 @@ def test_the_least_distance_is_the_inverse_of_the_largest_magnitude():
     occurrence = one_event(0.95)
     distances = least_distances(GRID, ROCK, [], occurrence)
     within = distances[(distances["distance_km"] > 1.0) & np.isfinite(distances["distance_km"])]
-    there = motion_grid([Simple()], [1.0], 0.0, within["distance_km"])
+    there = motion_grid([Simple()], [1.0], within["distance_km"])
     back = largest_magnitudes(there, ROCK, [], occurrence)["magnitude"]
     inside = within["magnitude"].between(4.55, 8.45).to_numpy()
     assert back[inside].tolist() == pytest.approx(within["magnitude"][inside].tolist(), abs=1e-6)
@@ -89,7 +92,7 @@ def test_a_rock_stands_the_excluded_earthquake_in_one_of_twenty_simulations():
     table = largest_magnitudes(GRID, ROCK, [], one_event(0.95, 4))
     row = table[np.isfinite(table["magnitude"])].iloc[0]
     random = np.random.default_rng(0)
-    mean, sigma = Simple().motion(row["magnitude"], row["distance_km"])
+    mean, sigma, _ = Simple().motion(row["magnitude"], row["distance_km"])
     motions = np.exp(mean + sigma * random.standard_normal((40_000, 4)))
     stands = (random.random((40_000, 4)) > ROCK.probability(motions)).all(axis=1).mean()
     assert stands == pytest.approx(0.05, abs=3 * math.sqrt(0.05 * 0.95 / 40_000))
@@ -109,7 +112,7 @@ def test_a_source_too_rare_for_the_rocks_age_excludes_nothing():
 @pytest.mark.parametrize("events", [1, 10])
 def test_earthquakes_at_one_site_topple_as_drawn_ones_that_share_its_term(events):
     random, site_term = np.random.default_rng(0), 0.4
-    grid = motion_grid([Simple(0.3), Simple(-0.3)], [0.7, 0.3], site_term)
+    grid = motion_grid([Simple(0.3, site_term), Simple(-0.3, site_term)], [0.7, 0.3])
     at = grid.magnitude.searchsorted(6.5), grid.distance_km.searchsorted(10.0)
     fallen = []
     for mean, weight in zip(grid.mean[:, *at], grid.weights, strict=True):
@@ -119,14 +122,23 @@ def test_earthquakes_at_one_site_topple_as_drawn_ones_that_share_its_term(events
         fallen.append(weight * topples.any(axis=1).mean())
     found = toppled(grid, ROCK, one_event(0.95, events))[at]
     assert found == pytest.approx(sum(fallen), abs=4e-3)
-    anew = toppled(replace(grid, site_term=0.0), ROCK, one_event(0.95, events))[at]
+    anew = toppled(replace(grid, between_sites=0.0 * grid.sigma), ROCK, one_event(0.95, events))[at]
     assert (anew > found + 0.05) == (events == 10)
     assert (anew == pytest.approx(found, abs=1e-6)) == (events == 1)
 
 
-def test_a_site_term_wider_than_the_models_sigma_is_refused():
-    with refused("model.site_term_too_large", "0.7"):
-        motion_grid([Simple()], [1.0], 0.7)
+@pytest.mark.parametrize("name", MODELS)
+def test_sigma_has_three_parts_at_a_site_of_which_the_global_model_gives_two(name):
+    pytest.importorskip("pygmm", reason="the optional extra 'gmm' is not installed")
+    measure = "sa_1s_m_s2"
+    model = GroundMotionModel(name, measure, 760.0)
+    parts = sigma_parts(reference_grid([model], motion_grid([model], [1.0])), measure)
+    assert parts["total"] ** 2 == pytest.approx(sum(parts[part] ** 2 for part in parts if part != "total"))
+    # Al Atik (2015), magnitude 6.5, 1 s: tau .3508, phi_SS .4257.
+    assert parts["between_events"] / parts["remaining"] == pytest.approx(0.3508 / 0.4257)
+    assert parts["between_sites"] == pytest.approx(
+        math.sqrt(max(parts["total"] ** 2 - 0.3508**2 - 0.4257**2, 0.0)), abs=1e-9
+    )
 
 
 @pytest.mark.parametrize(
@@ -137,7 +149,7 @@ def test_the_effect_of_an_option_is_that_of_leaving_it_out(name, option, value):
     pytest.importorskip("pygmm", reason="the optional extra 'gmm' is not installed")
     plain, other = (GroundMotionModel(name, "pgv_m_s", 500.0, **asked) for asked in ({}, {option: value}))
     (effect,) = (row for row in effects([other], motion_grid([other], [1.0])) if row["instead_of"] == value)
-    (before, sigma_before), (after, sigma) = (one.motion(6.5, 10.0) for one in (other, plain))
+    (before, sigma_before, _), (after, sigma, _) = (one.motion(6.5, 10.0) for one in (other, plain))
     assert effect["median_factor"] == pytest.approx(float(np.exp(after - before)))
     assert (effect["sigma"], effect["sigma_before"]) == pytest.approx((float(sigma), float(sigma_before)))
     assert (after, sigma) != (before, sigma_before)
@@ -156,7 +168,7 @@ def test_other_records_widen_the_magnitude_to_both_sides():
 
 def test_two_models_are_averaged_in_probability():
     grid = motion_grid([Simple(0.5), Simple(-0.5)], [0.7, 0.3])
-    shares = [toppling_probability(ROCK, *Simple(shift).motion(7.0, 5.0)) for shift in (0.5, -0.5)]
+    shares = [toppling_probability(ROCK, *Simple(shift).motion(7.0, 5.0)[:2]) for shift in (0.5, -0.5)]
     mixed = norm.ppf(0.7 * shares[0] + 0.3 * shares[1])
     row = np.argmin(np.abs(grid.distance_km - 5.0))
     at = int(np.argmin(np.abs(grid.magnitude - 7.0)))
@@ -172,10 +184,10 @@ def test_weights_of_models_that_do_not_sum_to_one_are_refused(weights):
 
 def test_boore_and_others_2014_have_their_published_numbers():
     pytest.importorskip("pygmm", reason="the optional extra 'gmm' is not installed")
-    mean, sigma = GroundMotionModel("bssa14", "pga_m_s2", 760.0, "SS").motion(7.0, 20.0)
+    mean, sigma, _ = GroundMotionModel("bssa14", "pga_m_s2", 760.0, "SS").motion(7.0, 20.0)
     assert math.exp(mean) / 9.80665 == pytest.approx(0.14971, rel=1e-4)
     assert float(sigma) == pytest.approx(0.6051, rel=1e-3)
-    mean, sigma = GroundMotionModel("bssa14", "pgv_m_s", 760.0, "SS").motion(7.0, 20.0)
+    mean, sigma, _ = GroundMotionModel("bssa14", "pgv_m_s", 760.0, "SS").motion(7.0, 20.0)
     assert math.exp(mean) == pytest.approx(0.12837, rel=1e-4)
     assert float(sigma) == pytest.approx(0.651, rel=1e-3)
 
@@ -184,7 +196,7 @@ def test_boore_and_others_2014_have_their_published_numbers():
 def test_every_model_shakes_more_near_by_and_scatters_as_models_do(name):
     pytest.importorskip("pygmm", reason="the optional extra 'gmm' is not installed")
     model = GroundMotionModel(name, "sa_1s_m_s2", 760.0)
-    mean, sigma = model.motion([5.5, 7.0, 7.0], [20.0, 20.0, 100.0])
+    mean, sigma, _ = model.motion([5.5, 7.0, 7.0], [20.0, 20.0, 100.0])
     assert mean[1] > max(mean[0], mean[2])
     assert ((sigma > 0.45) & (sigma < 0.95)).all()
 

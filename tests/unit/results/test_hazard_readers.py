@@ -21,6 +21,7 @@ from toppling.models.motions.measures import STANDARD_G_M_S2 as G
 from toppling.results.hazard.places import distance_km
 from toppling.results.hazard.readers import Hints, read_hazard
 from toppling.results.hazard.readers.assembly import chosen_tree
+from toppling.results.hazard.tree import level_choices
 
 
 def read_tree(path, measure=None, site=None, **hints):
@@ -298,6 +299,37 @@ def test_nshmps_probabilities_are_told_from_rates_by_the_configuration_or_the_us
         assert value_at(tree, 0.05, G, 1.0) == pytest.approx(0.04)
     rates = read_tree(nshmp_output(tmp_path / "rates", "ANNUAL_RATE"), "pga_m_s2", "Site One").curves[0]
     assert rates.annual_rate[1] == pytest.approx(0.04)
+
+
+OPENSHA_TREE = """\
+Site Name,Branch Index,Branch Weight,Fault Model,Scaling,GMM,0.1,0.2
+Hill,0,0.7,FM_3.1,A,ASK,0.02,0.002
+Hill,1,0.3,FM_3.2,A,ASK,0.04,0.004
+Quarry,0,0.7,FM_3.1,A,ASK,0.01,0.001
+Quarry,1,0.3,FM_3.2,A,ASK,0.03,0.003
+"""
+
+
+@pytest.mark.parametrize(
+    ("file", "measure", "unit"), [("Hill_sa_1.0.csv", "sa_1s_m_s2", G), ("all_pgv.csv", "pgv_m_s", 0.01)]
+)
+def test_openshas_logic_tree_is_a_tree_by_site_with_its_weights_and_the_names_of_its_levels(
+    tmp_path, file, measure, unit
+):
+    path = written(tmp_path, OPENSHA_TREE, file)
+    with refused("hazard.time_missing"):
+        read_hazard(path)
+    with refused("site.several"):
+        read_tree(path, measure, years=1.0)
+    tree = read_tree(path, measure, "Quarry", years=1.0)
+    assert tree.weights.tolist() == [0.7, 0.3]
+    assert value_at(tree, 0.2, unit, 1.0) == pytest.approx(0.001)
+    assert level_choices([branch.path for branch in tree.branches]) == {"Fault Model": ["FM_3.1", "FM_3.2"]}
+    placeless = OPENSHA_TREE.splitlines()[:3]
+    bare = "\n".join(",".join(line.split(",")[1:3] + line.split(",")[6:]) for line in placeless)
+    assert read_tree(written(tmp_path, bare, file), measure, years=1.0).weights.tolist() == [0.7, 0.3]
+    with refused("hazard.weights_sum", "0.7"):
+        read_tree(written(tmp_path, "\n".join(placeless[:2]), file), measure, years=1.0)
 
 
 @pytest.mark.parametrize(

@@ -258,9 +258,8 @@ class _Answer:
         """Probability that an earthquake of the fault's stated magnitude topples the rock."""
         if trace.magnitude is None or self.at_traces is None:
             return None
-        there = replace(
-            self.at_traces, mean=self.at_traces.mean[..., number], sigma=self.at_traces.sigma[..., number]
-        )
+        at = {name: getattr(self.at_traces, name)[..., number] for name in ("mean", "sigma", "between_sites")}
+        there = replace(self.at_traces, **at)
         single = exclusion.toppled(there, self.rock.curve, exclusion.one_event(0.5))
         return float(np.interp(trace.magnitude, self.at_traces.magnitude, single))
 

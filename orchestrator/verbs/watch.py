@@ -10,7 +10,6 @@ import subprocess
 import sys
 import threading
 import time
-from html import escape
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -27,7 +26,7 @@ from toppling.orchestrator.verbs.shared_options import browsing_options, served
 from toppling.results.analysis.fits import FEW_TOPPLED, HEADLINE_MEASURE, curve_over
 from toppling.results.analysis.fragility import by_contact, cells, contact_words, planes_of
 from toppling.results.drawing.sentences import what_topples
-from toppling.results.drawing.watch_page import PAGE, WAITING
+from toppling.results.drawing.templates import rendered
 from toppling.results.reader import Run, open_run
 
 _LATEST = 12
@@ -193,7 +192,8 @@ class _Answers(Answers):
         asked = self.asked()
         if asked == "":
             nonce = secrets.token_urlsafe(12)
-            self.send(PAGE.replace("NONCE", nonce).encode(), policy=_STRICT.format(nonce))
+            page = rendered("watch.html", title="toppling", nonce=nonce)
+            self.send(page.encode(), policy=_STRICT.format(nonce))
         elif asked == "state.json":
             self.send(self.server.state(), "application/json")
         elif asked is not None and _JOB.fullmatch(job := asked.removeprefix("replay/")) and asked != job:
@@ -207,9 +207,9 @@ class _Answers(Answers):
         except InputError as error:
             self.send(str(error).encode(), TEXT)
             return
-        message = f"shaking job {escape(job)} again: some seconds, up to a minute the first time"
-        waiting = WAITING.replace("TOLD", message)
-        self.send((page or waiting).encode(), policy=_OF_A_REPLAY)
+        message = f"shaking job {job} again: some seconds, up to a minute the first time"
+        page = page or rendered("waiting.html", title="toppling", text=message)
+        self.send(page.encode(), policy=_OF_A_REPLAY)
 
 
 def watching(run: Path, folder: Path, port: int = 0) -> _Watching:

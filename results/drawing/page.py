@@ -1,13 +1,11 @@
 """Interactive pages of a scene and of a shake, which need no network."""
 
 import base64
-import json
-from collections.abc import Mapping, Sequence
-from html import escape
-from importlib.resources import files
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.projections.polar import PolarAxes
@@ -24,6 +22,7 @@ from toppling.results.drawing.style import (
     style,
     svg_text,
 )
+from toppling.results.drawing.templates import rendered
 from toppling.results.replayed_job import STILL_FRACTION, Replay
 
 _PAGE_HZ, _PAGE_POSES = 25.0, 1500
@@ -43,30 +42,21 @@ _AT_REST_DEG = -60.0
 
 ARROW_COLOUR = "#7a1fa2"
 
-_COMPASS = (
-    '<svg id="compass" viewBox="0 0 48 48" aria-label="compass"><circle cx="24" cy="24" r="22" fill="#ffffffb0"/>'
-    '<g id="needle"><path d="M24 17 L31 42 L24 37 L17 42 Z" fill="#222"/>'
-    '<text x="24" y="15" text-anchor="middle" font-size="13" font-weight="bold">N</text></g></svg>'
-)
-
 
 def scene_page(scene: Scene, name: str, notes: Sequence[str] = ()) -> str:
     """HTML of a scene: rock, pedestal, contact outline, cliff edges and statics, with numbers and notes."""
     low, high = scene.rock.vertices_m.min(axis=0), scene.rock.vertices_m.max(axis=0)
     stage = _stage(scene, 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low)), 35.0)
     lines = "\n".join(numbers_of(scene, notes)).replace("\n  ", " ").split("\n")  # joins indented lines
-    items = "".join(f"<li>{escape(line)}</li>" for line in lines)
     with style():
         figure = Figure(figsize=(3.4, 3.6), layout="constrained")
         axes = figure.add_subplot(projection="polar")
         assert isinstance(axes, PolarAxes)
         draw_statics(axes, scene)
-    body = (
-        f'<h1>{escape(name)}</h1><div id="view">{_COMPASS}</div>{_HINT}{_LINES if interface_lines(scene) else ""}'
-        f'<div class="beside"><div>{svg_text(figure)}<p class="hint">Round: {escape(statics_words(scene))}.</p></div>'
-        f"<ul>{items}</ul></div>"
-    )
-    return _page(f"{name}: scene", body, stage, "scene")
+    return rendered(
+        "scene.html", kind="scene", title=f"{name}: scene", heading=name, stage=stage, lines=lines,
+        svg=Markup(svg_text(figure)), statics=statics_words(scene),
+    )  # fmt: skip
 
 
 def replay_page(replay: Replay, title: str) -> str:
@@ -79,32 +69,7 @@ def replay_page(replay: Replay, title: str) -> str:
     target, radius = _framed(replay, position)
     stage = _stage(replay.scene, target, radius, azimuth_across(replay))
     stage["replay"] = _motion_of(replay, times, position, turn)
-    at_return = (
-        f' <span style="background:{ALARM_COLOUR}"></span>point of no return'
-        if replay.topple_time_s is not None
-        else ""
-    )
-    body = f"""<h1>{escape(title)}</h1>
-<div id="view">{_COMPASS}<p id="legend"><span style="background:{ARROW_COLOUR}"></span>ground's acceleration<br>
-<span style="background:#555"></span>path of the centre of mass{"<br>" if at_return else ""}{at_return}</p></div>
-<input id="time" type="range" min="0" max="{len(times) - 1}" value="0" aria-label="time">
-<div class="controls"><button id="play">play</button><select id="speed" aria-label="speed">
-<option value="0.25">¼ speed</option><option value="1" selected>real time</option><option value="4">4 times</option>
-</select><output id="told"></output></div>
-<div id="traces" aria-label="ground acceleration (m/s²) and tilt against time"><canvas></canvas><div id="cursor"></div>
-</div><p class="hint">Ground acceleration toward east, north and up (m/s²), and the rock's tilt. Touch the traces to go
-to a time; space plays.</p>
-{_HINT}<p class="hint">Seen from the pedestal, which moves with the ground.</p>"""
-    return _page(title, body, stage, "replay")
-
-
-_LINES = (
-    '<p class="hint">Blue: contact outline; black: cliff edge; dashed where rock or pedestal hides them.</p>'
-)
-
-_HINT = (
-    '<p class="hint">Drag to turn, scroll or pinch to come nearer, double-click to frame the rock again.</p>'
-)
+    return rendered("replay.html", kind="replay", title=title, heading=title, stage=stage)
 
 
 def shown_times(replay: Replay, rate_hz: float, most: int) -> Array:
@@ -192,16 +157,3 @@ def _motion_of(replay: Replay, times: Array, position: Array, turn: Array) -> di
         "alarm": ALARM_COLOUR,
         "colours": [to_hex(COLOURS(share)) for share in (0.1, 0.5, 0.7)],
     }
-
-
-def _page(title: str, body: str, described: Mapping[str, Any], kind: str) -> str:
-    room = files("toppling.results.drawing")
-    look, script = (room.joinpath(name).read_text(encoding="utf-8") for name in ("viewer.css", "viewer.js"))
-    library = room.joinpath("vendor/three.min.js").read_text(encoding="utf-8")
-    content = json.dumps(described).replace("</", "<\\/")
-    return (
-        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><meta name="viewport" '
-        f'content="width=device-width, initial-scale=1"><title>{escape(title)}</title><style>{look}</style></head>\n'
-        f'<body class="{kind}">\n{body}\n<script type="application/json" id="data">{content}</script>\n'
-        f"<script>{library}</script>\n<script>{script}</script></body></html>\n"
-    )

@@ -209,10 +209,8 @@ class GroundMotionModel:
 
 def single_station_parts(measure: str, magnitude: ArrayLike) -> tuple[NDArray, NDArray]:
     """Parts tau and phi_SS of sigma at one site, by the global model of Al Atik (2015)."""
-    tau = _BETWEEN_EVENTS.get(measure, _BETWEEN_EVENTS[""])
-    return np.interp(magnitude, (4.5, 5.0, 5.5, 6.5), tau), np.interp(
-        magnitude, (5.0, 6.5), _SINGLE_STATION[measure]
-    )
+    at, tau = np.asarray(magnitude, float), _BETWEEN_EVENTS.get(measure, _BETWEEN_EVENTS[""])
+    return np.interp(at, (4.5, 5.0, 5.5, 6.5), tau), np.interp(at, (5.0, 6.5), _SINGLE_STATION[measure])
 
 
 @contextmanager

@@ -218,7 +218,7 @@ def level_choices(paths: Sequence[str]) -> dict[str, list[str]]:
         }:
             name, choices = titled[0][0], [[choice for _, _, choice in titled]]
         else:
-            choices = _choices(column)
+            choices = [list(level) for level in _choices(column)]
         for number, chosen in enumerate(choices, 1):
             if len(set(chosen)) > 1:
                 levels[f"{name} {number}" if len(choices) > 1 else name] = list(chosen)

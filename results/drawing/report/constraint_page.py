@@ -24,7 +24,7 @@ from toppling.results.drawing.hazard_figures import (
     events_figure,
     hazard_figure,
 )
-from toppling.results.drawing.report.document import Document, page, paragraph, safe
+from toppling.results.drawing.report.document import Block, Document
 from toppling.results.drawing.style import (
     FULL_WIDTH_IN,
     HALF_WIDTH_IN,
@@ -33,6 +33,7 @@ from toppling.results.drawing.style import (
     short_name,
     within,
 )
+from toppling.results.drawing.templates import rendered
 
 _MOST_BRANCHES = 15
 """Branches that the page's table holds, those with the most weight; the file has all."""
@@ -108,27 +109,21 @@ def constraint_page(statement: dict[str, Any], drawings: Sequence[Drawing]) -> s
     statement: with the choices that led to it.
     """
     document = Document(unfinished(statement))
-    shown = {one.section: document.figure(one.draw, one.caption, one.width_in) for one in drawings}
+    shown = {one.section: [document.figure(one.draw, one.caption, one.width_in)] for one in drawings}
     answers = answer(statement) or all_words(statement).splitlines()[:2]
     others = [line for line in all_words(statement).splitlines() if line not in answers]
-    method = _METHOD_OF_EVENTS if "events" in statement else _METHOD if "branches" in statement else ""
-    first = "".join(map(paragraph, answers)) + shown.get("Hazard", "") + _changes(statement, document)
-    sections = [
-        ("Branches", branches_table(statement, document)),
-        ("Ground-motion models", _models(statement, document)),
-        ("Rates inconsistent", shown.get("Rates inconsistent", "")),
-        ("Rocks", _rocks(statement, document)),
-        ("In words", "".join(map(paragraph, others))),
-        (
-            "Method",
-            method + paragraph("Options, files and versions are in constraint.json beside this page."),
-        ),
-    ]
-    rocks = ", ".join(rock["name"] for rock in statement["rocks"])
-    says = "says" if len(statement["rocks"]) == 1 else "say"
-    alarm = f'<p class="alarm">{safe(document.remark)}.</p>' if document.remark else ""
-    head = f"<h1>What {safe(rocks)} {says} by still standing</h1>{alarm}{first}"
-    return page(f"toppling: {rocks}", head, [(title, text) for title, text in sections if text])
+    first = [*answers, *shown.get("Hazard", ()), *_changes(statement, document)]
+    sections: dict[str, Sequence[Block]] = {
+        "Branches": branches_table(statement, document),
+        "Ground-motion models": _models(statement, document),
+        "Rates inconsistent": shown.get("Rates inconsistent", ()),
+        "Rocks": _rocks(statement, document),
+        "In words": others,
+    }
+    rocks = [rock["name"] for rock in statement["rocks"]]
+    of = "events" if "events" in statement else "curves" if "branches" in statement else ""
+    return rendered("constraint.html", title=f"toppling: {', '.join(rocks)}", rocks=rocks, remark=document.remark,
+        first=first, sections=[pair for pair in sections.items() if pair[1]], of=of)  # fmt: skip
 
 
 def unfinished(statement: dict[str, Any]) -> str:
@@ -138,39 +133,16 @@ def unfinished(statement: dict[str, Any]) -> str:
     return "; ".join(dict.fromkeys(filter(None, remarks)))
 
 
-_METHOD = (
-    "<p>A rock topples at the annual rate &nu; = &int; F(x) |d&lambda;(x)|, with its fragility F and the hazard curve "
-    "&lambda;, a power law between its points; Poisson events leave it standing for A years with the probability "
-    "exp(&minus;&nu;A), averaged over the age. Branches are weighted by Bayes' rule, w' &prop; w P(survival). Mean and "
-    "fractiles are of probabilities over the investigation time, level by level, as OpenQuake computes them. The scale "
-    "factor is that by which all motions of a curve may be multiplied before survival falls to one minus the "
-    "confidence; the rate factor that of its rates. Motions outside a curve's points are not counted. Intervals of "
-    "95 % resample records (bootstrap) and ages from their distribution; 5 to 95 % are fractiles over branches.</p>"
-)
-
-
-_METHOD_OF_EVENTS = (
-    "<p>An event of annual rate r topples at least one of the rocks with P = 1 &minus; &prod;(1 &minus; F<sub>i</sub>)"
-    ", where F<sub>i</sub> is rock i's fragility at the event's motion at its site: rocks feel the same events. Such "
-    "events have the rate &nu; = &Sigma; r P, and Poisson events leave all rocks standing for A years with the "
-    "probability exp(&minus;&nu;A), averaged over the ages. Branches are weighted by Bayes' rule, w' &prop; w "
-    "P(survival). Rates of exceedance are counted from the events; fractiles are over branches, as OpenQuake computes "
-    "them. The scale factor is that by which all motions may be multiplied before survival falls to one minus the "
-    "confidence; the rate factor that of the rates. Intervals of 95 % resample records and ages, and the events of a "
-    "catalogue.</p>"
-)
-
-
 def _site(statement: dict[str, Any]) -> str:
     hazard = statement["hazard"]
     place = f"longitude {hazard['site'][0]:g}, latitude {hazard['site'][1]:g}" if hazard["site"] else ""
     return ", ".join(filter(None, [hazard["site_name"], place])) or "the rock"
 
 
-def _changes(statement: dict[str, Any], document: Document) -> str:
+def _changes(statement: dict[str, Any], document: Document) -> list[Block]:
     """Tables of motions at some annual rates before and after, at each site, of each measure; none of one branch."""
     if len(statement.get("branches", ())) < 2:
-        return ""
+        return []
     names = {
         "level_prior_mean": "before", "level_posterior_mean": "after", "level_posterior_p05": "5 % after",
         "level_posterior_p50": "50 %", "level_posterior_p95": "95 %", "level_change_percent": "change of motion (%)",
@@ -187,7 +159,7 @@ def _changes(statement: dict[str, Any], document: Document) -> str:
             "Empty where the hazard does not reach, or fewer than ten events support the rate."
         )
         parts.append(document.table(table, caption))
-    return "".join(parts)
+    return parts
 
 
 def _picked(rows: Sequence[Mapping[str, Any]], names: Mapping[str, str]) -> pd.DataFrame:
@@ -197,10 +169,10 @@ def _picked(rows: Sequence[Mapping[str, Any]], names: Mapping[str, str]) -> pd.D
     return some.map(lambda one: digits(one) if isinstance(one, float) else one).rename(columns=dict(names))
 
 
-def branches_table(statement: dict[str, Any], document: Document) -> str:
+def branches_table(statement: dict[str, Any], document: Document) -> list[Block]:
     """The branches with the most weight, and their mean."""
     if "branches" not in statement:
-        return ""
+        return []
     heaviest = sorted(statement["branches"], key=lambda row: -(row["posterior_weight"] or 0.0))[
         :_MOST_BRANCHES
     ]
@@ -216,15 +188,14 @@ def branches_table(statement: dict[str, Any], document: Document) -> str:
         for row in rows
     ])  # fmt: skip
     left = len(statement["branches"]) - len(heaviest)
-    more = f" {left} branches with less weight: in branches.csv." if left else ""
-    return document.table(
-        table,
-        "Weights of the branches, the rocks' survival under each, and the factors by which its motions or rates may be "
-        f"multiplied for survival to stay above {100 * (1 - statement['confidence']):.3g} %; 95 % intervals in "
+    more = [f"{left} branches with less weight: in branches.csv."] if left else []
+    caption = (
+        "Weights of the branches, the rocks' survival under each, and the factors by which its motions or rates may "
+        f"be multiplied for survival to stay above {100 * (1 - statement['confidence']):.3g} %; 95 % intervals in "
         "brackets."
-        + more
-        + "".join(f" {sentence}" for sentence in statement.get("hazard", {}).get("assumed", ())),
     )
+    assumed = statement.get("hazard", {}).get("assumed", ())
+    return [document.table(table, " ".join([caption, *more, *assumed]))]
 
 
 def _with_ends(row: dict[str, Any], name: str) -> str:
@@ -234,9 +205,9 @@ def _with_ends(row: dict[str, Any], name: str) -> str:
     return f"{value} ({low}-{high or '∞'})" if low else value
 
 
-def _models(statement: dict[str, Any], document: Document) -> str:
+def _models(statement: dict[str, Any], document: Document) -> list[Block]:
     if len(statement.get("models", ())) < 2:
-        return ""
+        return []
     names = {
         "model": "model", "branches": "branches", "survival": "survival", "prior_weight": "prior weight",
         "posterior_weight": "posterior weight", "bayes_factor": "over the average",
@@ -244,10 +215,10 @@ def _models(statement: dict[str, Any], document: Document) -> str:
     caption = (
         "Ground-motion models by all rocks together: survival, weights, and Bayes factor over their average."
     )
-    return document.table(_picked(statement["models"], names), caption)
+    return [document.table(_picked(statement["models"], names), caption)]
 
 
-def _rocks(statement: dict[str, Any], document: Document) -> str:
+def _rocks(statement: dict[str, Any], document: Document) -> list[Block]:
     measure = statement["measure"]
     rows = [{**rock, "words": fragility_words(rock, measure)} for rock in statement["rocks"]]
     names = {
@@ -260,9 +231,9 @@ def _rocks(statement: dict[str, Any], document: Document) -> str:
         if "events" in statement
         else "what it rests on"
     )
-    text = document.table(_picked(rows, names), f"Fragility over {over} of each rock, {rests}.")
+    found = [document.table(_picked(rows, names), f"Fragility over {over} of each rock, {rests}.")]
     if site := statement.get("random_rock"):
-        text += paragraph(
+        found.append(
             f"One fragility of the site, of a rock drawn at random from among those like them: median "
             f"{within(site['median'], site['beyond'])} {printed_unit(measure)}, beta {digits(site['beta'])}, of which "
             f"{digits(site['beta_within'])} within a rock and {digits(site['beta_between'])} between rocks "
@@ -271,5 +242,5 @@ def _rocks(statement: dict[str, Any], document: Document) -> str:
     if firsts := {row["left_out"]: row for row in statement.get("left_out", ())}:
         names = {"left_out": "left out", "survival_predicted": "survival that the others predict"}
         caption = "Each rock's survival as the branches predict it once the other rocks have weighted them."
-        text += document.table(_picked(list(firsts.values()), names), caption)
-    return text
+        found.append(document.table(_picked(list(firsts.values()), names), caption))
+    return found

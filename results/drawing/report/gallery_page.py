@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote
 
 import pandas as pd
@@ -10,11 +11,12 @@ import pandas as pd
 from toppling.models.scene import Scene
 from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.analysis.side_by_side import RockResults, Shared
-from toppling.results.drawing.report.document import Document, heading, page, paragraph, safe
+from toppling.results.drawing.report.document import Block, Document, block
 from toppling.results.drawing.roses import wind_of
 from toppling.results.drawing.sentences import interval_words
 from toppling.results.drawing.side_by_side_figures import fragilities_figure, places_figure, thumbnail
 from toppling.results.drawing.style import png_bytes, printed_unit, short_name, within
+from toppling.results.drawing.templates import rendered
 from toppling.results.reader import Run
 
 REPORT = "report.html"
@@ -55,26 +57,25 @@ def gallery_page(
     document = Document("; ".join(unfinished))
     cards = []
     for rock in rocks:
-        cards.append(_card(rock, document, measure, folder))
+        cards.append(_card(rock, measure, folder))
         advance()
-    alarm = "".join(f'<p class="alarm">Unfinished: {safe(one)}.</p>' for one in unfinished)
-    first = f"{heading(title, 1)}{alarm}{''.join(map(paragraph, summary(rocks, shared, measure)))}"
+    first: list[Block] = [*summary(rocks, shared, measure)]
     caption = (
         f"Left: toppling probability over {short_name(measure)}, a lognormal curve for each rock with its 95 % band. "
         "Right: the intensity at which half of the shakings topple each, with its 95 % interval over records and bases."
     )
-    first += document.figure(lambda width: fragilities_figure(rocks, measure, width), caption)
+    first.append(document.figure(lambda width: fragilities_figure(rocks, measure, width), caption))
     if placed := [rock for rock in rocks if rock.place]:
         caption = (
             f"Where {len(placed)} of {len(rocks)} rocks stand, coloured by the {short_name(measure)} at which half of "
             "the shakings topple them; crosses have no fragility."
         )
-        first += document.figure(lambda width: places_figure(rocks, measure, width), caption)
+        first.append(document.figure(lambda width: places_figure(rocks, measure, width), caption))
     frame = pd.DataFrame([rock.row for rock in rocks])[list(_COLUMNS)].rename(columns=_COLUMNS)
     numbers = f"Fragility over {short_name(measure)} ({printed_unit(measure)}) and statics of each rock."
     table = document.table(frame.dropna(axis="columns", how="all"), numbers)
-    sections = [("Table", table), ("Rocks", '<div class="cards">' + "\n".join(cards) + "</div>")]
-    return page(f"toppling: {title}", first, sections)
+    return rendered("atlas.html", title=f"toppling: {title}", heading=title, unfinished=unfinished, first=first,
+        sections=[("Table", [table])], cards=cards)  # fmt: skip
 
 
 def summary(rocks: Sequence[RockResults], shared: Shared, measure: str) -> list[str]:
@@ -104,7 +105,7 @@ def _at(curve: Lognormal) -> str:
     return median if curve.is_beyond_shaken else f"at {median}"
 
 
-def _card(rock: RockResults, document: Document, measure: str, folder: Path) -> str:
+def _card(rock: RockResults, measure: str, folder: Path) -> dict[str, Any]:
     unit, row = printed_unit(measure), rock.row
     median = rock.why_not if rock.curve is None else f"half topple {_at(rock.curve)} {unit}"
     if rock.curve is not None:
@@ -117,19 +118,19 @@ def _card(rock: RockResults, document: Document, measure: str, folder: Path) -> 
         )
     place = row["site"] if row["site"] not in (None, rock.name) else ""
     report = rock.run.path / REPORT
-    link = f'<a href="{safe(quote(os.path.relpath(report, folder)))}">report</a>' if report.exists() else ""
     lines = [
+        place,
         median,
         weakest,
         f"{row['toppled']} of {row['jobs']} jobs, {row['records']} records",
         rock.contact,
         row["remark"] or "",
     ]
-    picture = ""
+    picture = None
     if (rock.run.scene_folder / "scene.json").exists():
-        scene = Scene.load(rock.run.scene_folder)
-        picture = document.image(
-            png_bytes(thumbnail(scene, rock.weakest_azimuth_deg)), f"the rock {rock.name}"
-        )
-    lines_shown = "".join(f"<li>{safe(line)}</li>" for line in (place, *lines) if line)
-    return f'<div class="card">{heading(rock.name, 3)}{picture}<ul>{lines_shown}</ul>{link}</div>'
+        drawn = thumbnail(Scene.load(rock.run.scene_folder), rock.weakest_azimuth_deg)
+        picture = block("picture", png=png_bytes(drawn), words=f"the rock {rock.name}")
+    return {
+        "name": rock.name, "picture": picture, "lines": list(filter(None, lines)),
+        "report": quote(os.path.relpath(report, folder)) if report.exists() else "",
+    }  # fmt: skip

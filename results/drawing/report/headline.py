@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -17,7 +18,7 @@ from toppling.results.analysis.unphysical import unphysical_of
 from toppling.results.drawing import constraint_words
 from toppling.results.drawing.fit_figures import draw_curve, draw_fractions
 from toppling.results.drawing.report.content import CONFIDENCE, Contact, Content
-from toppling.results.drawing.report.document import Document, heading, paragraph, safe
+from toppling.results.drawing.report.document import Document, block
 from toppling.results.drawing.sentences import percent, what_topples
 from toppling.results.drawing.side_by_side_figures import thumbnail
 from toppling.results.drawing.style import (
@@ -33,20 +34,18 @@ from toppling.results.drawing.style import (
 )
 
 
-def first_screen(content: Content, document: Document) -> str:
+def first_screen(content: Content, document: Document) -> dict[str, Any]:
     """Name of the rock, what topples it, the curve and the interval's parts, and what would change the answer."""
-    said = _what_topples(content), _how_likely(content), _what_standing_says(content)
-    sentences = "".join(map(paragraph, (*said, *constraint_words.answer(content.statement or {}))))
-    if unfinished := _unfinished_sentence(content):
-        sentences = f'<p class="alarm">{safe(unfinished)}</p>{sentences}'
-    scene = content.scene
-    view = document.image(png_bytes(thumbnail(scene, None)), f"the rock {content.run.rock}") if scene else ""
-    picture = document.figure(lambda width: _headline_figure(content, width), _caption(content))
-    changes = "".join(f"<li>{safe(one)}</li>" for one in _what_would_change(content))
-    return (
-        f'{heading(content.run.rock, 1)}<div class="first"><div>{sentences}</div>{view}</div>{picture}'
-        f"{heading('What would change this', 3)}<ul>{changes}</ul>"
-    )
+    said = [_what_topples(content), _how_likely(content), _what_standing_says(content)]
+    picture = png_bytes(thumbnail(content.scene, None)) if content.scene else b""
+    return {
+        "rock": content.run.rock,
+        "unfinished": _unfinished_sentence(content),
+        "answers": [*said, *constraint_words.answer(content.statement or {})],
+        "view": picture and block("picture", png=picture, words=f"the rock {content.run.rock}"),
+        "figure": document.figure(lambda width: _headline_figure(content, width), _caption(content)),
+        "changes": list(_what_would_change(content)),
+    }
 
 
 def answer(content: Content) -> list[str]:
@@ -188,7 +187,7 @@ def _draw_headline(axes: Axes, content: Content, curve: Lognormal) -> None:
         axes.axvspan(limit, end, facecolor="none", edgecolor=ALARM_COLOUR, hatch="////", alpha=0.35, lw=0)
         axes.axvline(limit, color=ALARM_COLOUR, lw=1.0)
         axes.annotate(
-            f"not exceeded\n({100 * CONFIDENCE:g} %)", (limit, 0.22), xytext=(-4, 0), textcoords="offset points",
+            f"not exceeded\n({100 * CONFIDENCE:g} %)", (limit, 0.03), xytext=(-4, 0), textcoords="offset points",
             ha="right", color=ALARM_COLOUR, size=7, bbox={"facecolor": "white", "alpha": 0.85, "lw": 0, "pad": 0.8},
         )  # fmt: skip
     at = f"beyond {curve.strongest_shaken:.3g}" if curve.is_beyond_shaken else f"at {curve.median:.2g}"

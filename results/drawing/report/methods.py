@@ -9,7 +9,7 @@ from toppling.models.contact import FRICTION_SPREAD
 from toppling.models.scene import COM_SPREAD_SHARE, Scene
 from toppling.results.analysis.friction_comparison import friction_words, frictions
 from toppling.results.drawing.report.content import Content
-from toppling.results.drawing.report.document import Document, paragraph, safe
+from toppling.results.drawing.report.document import Block, Document, block
 from toppling.results.weights import records_weight
 
 _REFERENCES = (
@@ -22,12 +22,12 @@ _REFERENCES = (
 )
 
 
-def methods_section(content: Content, document: Document) -> str:  # noqa: ARG001  (as every section)
+def methods_section(content: Content, document: Document) -> list[Block]:  # noqa: ARG001  (as every section)
     """Methods to copy, and references."""
     engine = content.run.provenance().get("engine")
     references = sorted((*_REFERENCES, engine["reference"]) if engine else _REFERENCES)
-    cited = "".join(f"<li>{safe(reference)}</li>" for reference in (_program(content), *references))
-    return f'<div class="methods">{paragraph(methods(content))}</div><p>To cite:</p><ul>{cited}</ul>'
+    cited = block("items", texts=[_program(content), *references])
+    return [block("methods", text=methods(content)), "To cite:", cited]
 
 
 def methods(content: Content) -> str:

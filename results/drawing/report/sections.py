@@ -21,7 +21,7 @@ from toppling.results.drawing.maps import map_figure
 from toppling.results.drawing.record_figures import records_figure
 from toppling.results.drawing.report.constraint_page import branches_table, inconsistent_drawing
 from toppling.results.drawing.report.content import Content
-from toppling.results.drawing.report.document import Document, heading, pair, paragraph, sentence
+from toppling.results.drawing.report.document import Block, Document, block, sentence
 from toppling.results.drawing.report.methods import methods_section
 from toppling.results.drawing.roses import rose_figure
 from toppling.results.drawing.scene_figures import scene_picture, statics_words
@@ -29,7 +29,6 @@ from toppling.results.drawing.style import (
     HALF_WIDTH_IN,
     digits,
     measure_label,
-    png_bytes,
     short_name,
     with_superscripts,
 )
@@ -45,10 +44,10 @@ _OF_SCENE = ("height_m", "volume_m3", "com_x_m", "com_y_m", "com_z_m", "slope_de
 """Quantities of a scene that a reader compares with the rock; the file beside the page has all."""
 
 
-def _scene_section(content: Content, document: Document) -> str:
-    table, parts = content.run.scene(), []
+def _scene_section(content: Content, document: Document) -> list[Block]:
+    table, parts = content.run.scene(), list[Block]()
     if table is None:
-        return "<p>The run holds no scene.</p>"
+        return ["The run holds no scene."]
     settling = (content.run.provenance().get("settling") or {}).get("sentence")
     if content.scene is not None:
         scene = content.scene
@@ -71,19 +70,19 @@ def _scene_section(content: Content, document: Document) -> str:
         for field in table.schema
         if field.name in _OF_SCENE
     ]
-    return "".join([*parts, document.table(pd.DataFrame(rows), "The scene in numbers.")])
+    return [*parts, document.table(pd.DataFrame(rows), "The scene in numbers.")]
 
 
-def _records_section(content: Content, document: Document) -> str:
+def _records_section(content: Content, document: Document) -> list[Block]:
     frame = content.frame
     used = frame.drop_duplicates("record_id")
     events = counted(used["event"].nunique(), "named earthquake")
-    lines = [paragraph(f"{counted(len(used), 'record')} of {events}.")]
+    lines: list[Block] = [f"{counted(len(used), 'record')} of {events}."]
     if (weight := records_weight(frame)) is not None:
         least, most = weight[used.index].min(), weight[used.index].max()
         lines.append(
-            f"<p>The records are weighted by a hazard deaggregation, from {least:.3g} to {most:.3g} times an equal "
-            "share, in maps and fits.</p>"
+            f"The records are weighted by a hazard deaggregation, from {least:.3g} to {most:.3g} times an equal share, "
+            "in maps and fits."
         )
     if content.ensemble is not None:
         caption = (
@@ -102,8 +101,7 @@ def _records_section(content: Content, document: Document) -> str:
     order = [*counts.columns.drop(["jobs", "toppled"]), "jobs", "toppled"]
     shown = counts.head(_MOST_RECORDS)[order].rename(columns={"record_id": "record"})
     caption = f"Records as recorded{some}: answered jobs of each, and those that toppled."
-    lines.append(document.table(shown, caption))
-    return "".join(lines)
+    return [*lines, document.table(shown, caption)]
 
 
 def _as_recorded(catalogue: pd.DataFrame) -> pd.DataFrame:
@@ -118,48 +116,52 @@ def _as_recorded(catalogue: pd.DataFrame) -> pd.DataFrame:
     return shown.assign(**{name: [digits(value) for value in shown[name]] for name in numbers})
 
 
-def _maps_section(content: Content, document: Document) -> str:
+def _maps_section(content: Content, document: Document) -> list[Block]:
     """Of the contact that the report begins with; 'toppling fragility' draws all."""
     jobs, words = content.chief.jobs, content.chief.words
     planes = planes_of(content.frame).values()
-    single = []
-    for plane in planes:
-        caption = f"Toppling probability over {plane.x.label} and {plane.y.label} ({words})."
-        drawn = png_bytes(map_figure(jobs, plane, words), document.remark)
-        single.append(document.picture(drawn, caption, width_in=HALF_WIDTH_IN))
+    single = [
+        document.figure(
+            lambda _: map_figure(jobs, plane, words),  # noqa: B023  (drawn at once)
+            f"Toppling probability over {plane.x.label} and {plane.y.label} ({words}).",
+            HALF_WIDTH_IN,
+        )
+        for plane in planes
+    ]
     within = least_sector(content.run.quasi_static())
     sector = sector_share(jobs, *within) if within else None
     rose = document.figure(
         lambda width: rose_figure(topple_rose(jobs), content.run.quasi_static(), sector, width),
         f"Where the rock topples to ({words}), and the least constant ground acceleration that topples it.",
     )
-    return "".join([*(pair(*single[k : k + 2]) for k in range(0, len(single), 2)), rose])
+    return [*(block("pair", blocks=single[k : k + 2]) for k in range(0, len(single), 2)), rose]
 
 
-def _friction_section(content: Content, document: Document) -> str:
+def _friction_section(content: Content, document: Document) -> list[Block]:
     """Each friction against the highest; empty if there is only one."""
-    parts = []
+    parts: list[Block] = []
     for surroundings, table, pairs in compare_frictions(content.frame, PLANES["pga_pgv"]):
         caption = (
             "Toppling probability in cells of PGA and PGV with one friction against another, for the same jobs shaken "
             "with both. Dashed: no difference."
         )
         draw = partial(friction_figure, table, pairs)
-        parts.append(heading(surroundings, 3) + document.figure(draw, caption))
-    return "".join(parts)
+        parts += [block("heading", text=surroundings)] * bool(surroundings)
+        parts.append(document.figure(draw, caption))
+    return parts
 
 
-def _fits_section(content: Content, document: Document) -> str:
+def _fits_section(content: Content, document: Document) -> list[Block]:
     """Of the same contact."""
     contact = content.chief
     few = few_records(contact.known["record_id"].nunique())
     if contact.toppled < fits.FEW_TOPPLED:
-        return paragraph(
+        return [
             f"Too few topplings: {contact.toppled} of {len(contact.known):,} jobs, fewer than {fits.FEW_TOPPLED}. "
             f"No curve is drawn and no measure is ranked; shake more strongly, or with more records. {few}".rstrip()
-        )
+        ]
     summary = fits.summary(contact.models)
-    parts = []
+    parts: list[Block] = []
     if (curve := contact.best) is not None:
         calibrated = ranking.calibration(contact.known, ranking.out_of_fold(contact.known, [curve.measure]))
         observed = ranking.observed_fractions(contact.known, curve.measure)
@@ -177,11 +179,11 @@ def _fits_section(content: Content, document: Document) -> str:
             f"Measures of intensity, best first ({contact.words}): by how much each predicts records left out of the "
             "fit worse than the best, and the lognormal fragility over it.",
         ),
-        "<p>Intervals (95 %) come from the bootstrap samples of records that have a fit; the others have none: "
+        "Intervals (95 %) come from the bootstrap samples of records that have a fit; the others have none: "
         f"their answers are separated, or there are fewer than {resampling.LEAST_RECORDS} records. {few} Beyond "
-        "the strongest shaking the jobs say nothing.</p>",
+        "the strongest shaking the jobs say nothing.",
     ]
-    return "".join(parts)
+    return parts
 
 
 def _measures_table(ranking: pd.DataFrame, fitted: pd.DataFrame) -> pd.DataFrame:
@@ -201,17 +203,17 @@ def _measures_table(ranking: pd.DataFrame, fitted: pd.DataFrame) -> pd.DataFrame
     return table.merge(fitted.drop(columns=["samples", "without fit"]), how="left", on="measure")
 
 
-def _constraint_section(content: Content, document: Document) -> str:
+def _constraint_section(content: Content, document: Document) -> list[Block]:
     """Of a rock whose age is given."""
     constraint, said = content.constraint, content.statement
     if constraint is None or said is None or constraint.exposure is None:
-        return ""
-    stood = paragraph(f"{constraint.rocks[0].name}{age_words(said['rocks'][0])}.")
+        return []
+    stood = f"{constraint.rocks[0].name}{age_words(said['rocks'][0])}."
     drawn = [document.figure(one.draw, one.caption, one.width_in) for one in inconsistent_drawing(constraint)]
-    return "".join([stood, *drawn, branches_table(said, document)])
+    return [stood, *drawn, *branches_table(said, document)]
 
 
-def _jobs_section(content: Content, document: Document) -> str:
+def _jobs_section(content: Content, document: Document) -> list[Block]:
     """How the jobs were computed, and how they ended."""
     frame = content.frame
     presets, engines = (", ".join(sorted(frame[name].unique())) for name in ("preset", "engine"))
@@ -227,12 +229,10 @@ def _jobs_section(content: Content, document: Document) -> str:
     ended = frame.groupby(["status", "ended_by", "message"], dropna=False)
     counts = ended.agg(jobs=("job_id", "size")).reset_index().sort_values("jobs", ascending=False)
     table = counts.head(_MOST_ENDS).rename(columns={"ended_by": "ended by"})
-    return paragraph(f"{line}.") + document.table(
-        table.dropna(axis="columns", how="all"), "How the jobs ended."
-    )
+    return [f"{line}.", document.table(table.dropna(axis="columns", how="all"), "How the jobs ended.")]
 
 
-SECTIONS: dict[str, Callable[[Content, Document], str]] = {
+SECTIONS: dict[str, Callable[[Content, Document], list[Block]]] = {
     "Scene": _scene_section,
     "Records": _records_section,
     "Toppling probability": _maps_section,
@@ -242,7 +242,7 @@ SECTIONS: dict[str, Callable[[Content, Document], str]] = {
     "Jobs": _jobs_section,
     "Methods": methods_section,
 }
-"""By title, in the page's order: HTML of a part of the report; empty omits it."""
+"""By title, in the page's order: blocks of a part of the report; empty omits it."""
 
 
 def _unit(unit: str) -> str:

@@ -12,9 +12,10 @@ from typing import Any
 from toppling.models.errors import InputError
 from toppling.models.files.folder import new_file
 from toppling.results.drawing.report.content import Content
-from toppling.results.drawing.report.document import Document, page
+from toppling.results.drawing.report.document import Document, Section
 from toppling.results.drawing.report.headline import first_screen
 from toppling.results.drawing.report.sections import SECTIONS
+from toppling.results.drawing.templates import rendered
 from toppling.results.reader import Run
 
 _BROWSERS = "chromium chromium-browser google-chrome google-chrome-stable chrome msedge microsoft-edge"
@@ -30,12 +31,13 @@ def report_page(content: Content, advance: Callable[[str], object] = lambda _: N
     """
     document = Document(content.completeness.remark)
     first = first_screen(content, document)
-    written = []
+    written: list[Section] = []
     for title, write in SECTIONS.items():
-        if text := write(content, document):
-            written.append((title, text))
+        if blocks := write(content, document):
+            written.append((title, blocks))
         advance(title)
-    return page(f"toppling: {content.run.rock} ({content.run.name})", first, written)
+    title = f"toppling: {content.run.rock} ({content.run.name})"
+    return rendered("report.html", title=title, sections=written, **first)
 
 
 def provenance(run: Run) -> dict[str, Any]:

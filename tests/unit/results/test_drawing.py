@@ -135,7 +135,8 @@ def test_a_contact_whose_friction_realisations_drew_is_not_named_by_one_number(j
 def test_methods_name_and_cite_the_engine_that_shook_and_no_other(tmp_path, engine, other):
     write_json(tmp_path / "run.json", {"engine": ENGINES[engine].citation})
     write_part(tmp_path, [row | {"engine": engine} for row in rows(records=3, azimuths=(0.0,))])
-    written = methods_section(Content(open_run(tmp_path)), Document())
+    methods, _, cited = methods_section(Content(open_run(tmp_path)), Document())
+    written = " ".join([methods["text"], *cited["texts"]])
     assert f"on {ENGINES[engine].title} ({ENGINES[engine].authors}), following" in written
     assert other not in written
 

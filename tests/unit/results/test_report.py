@@ -155,12 +155,11 @@ def test_a_median_beyond_what_was_shaken_is_no_number_and_samples_without_fit_ar
         "samples_without_fit": [7, 0, np.nan],
     })  # fmt: skip
     table = Document().table(fit_table(summary, known), "fits")
-    first, second, third = table.split("<tr>")[2:]
-    assert "8e+80" not in table
-    assert ">beyond 5 (2 to beyond 5)</td>" in first
-    assert re.search(r">43</td>.*>7</td>", first)
-    assert ">0.15 (0.1 to beyond 0.2)</td>" in second
-    assert ">no job topples</td>" in third
+    first, second, third = ([text for _, _, text in row] for row in table["rows"])
+    assert "beyond 5 (2 to beyond 5)" in first
+    assert {"43", "7"} <= {*first}
+    assert "0.15 (0.1 to beyond 0.2)" in second
+    assert "no job topples" in third
 
 
 @pytest.mark.thorough
@@ -174,7 +173,8 @@ def test_a_statement_beyond_the_strongest_shaking_says_that_it_is_an_extrapolati
     strongest = max(job["pgv_m_s"] for job in jobs)
     assert (content.statement["unexceeded"] > strongest) == is_extrapolated
     words = f"an extrapolation beyond the strongest shaking, {strongest:.2g} m/s"
-    assert (words in first_screen(content, Document())) == is_extrapolated
+    answers = first_screen(content, Document())["answers"]
+    assert any(words in answer for answer in answers) == is_extrapolated
 
 
 def test_fewer_than_ten_topplings_bear_no_curve_and_no_ranking(tmp_path):
@@ -184,7 +184,7 @@ def test_fewer_than_ten_topplings_bear_no_curve_and_no_ranking(tmp_path):
     ]
     write_part(tmp_path, jobs)
     content, document = Content(open_run(tmp_path), 5), Document()
-    told = SECTIONS["Fits"](content, document)
+    (told,) = SECTIONS["Fits"](content, document)
     assert "Too few topplings: 9 of 24 jobs" in told
     assert (document.figures, document.tables) == (0, 0)
     assert content.statement is None
@@ -251,7 +251,7 @@ def test_the_first_sentence_states_a_median_only_within_what_was_shaken(tmp_path
     write_part(tmp_path, [one for one in told if one["pgv_m_s"] < share * THETA_M_S])
     content = Content(open_run(tmp_path), samples=5)
     curve = content.chief.headline
-    said = first_screen(content, Document())
+    said = " ".join(first_screen(content, Document())["answers"])
     assert (curve.median > curve.strongest_shaken) == beyond
     assert ("beyond what was run" in said) == beyond
     assert (f"{curve.median:.2g}" in said) != beyond

@@ -66,7 +66,7 @@ def test_the_report_its_methods_and_its_figures_say_it_first(unfinished):
     content = Content(open_run(unfinished), samples=2)
     assert methods(content).startswith(f"The ensemble was not completed: {REMARK}.")
     first = first_screen(content, Document(content.completeness.remark))
-    assert first.index(REMARK) < first.index("topple")
+    assert REMARK in first["unfinished"]
 
 
 @pytest.mark.thorough

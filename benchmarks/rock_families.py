@@ -3,6 +3,7 @@
 Nothing of the library's priors was set on the families in `TESTED`; those in `LEARNT` set them.
 """
 
+import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -18,9 +19,12 @@ from toppling.models.frames import (
     plane_normal,
     rotation_between,
 )
+from toppling.models.hidden_base.draws import least_feet
 from toppling.models.pedestal import Pedestal
+from toppling.models.relief import contact_feet_m
 from toppling.models.rock import Rock
 from toppling.models.scan import virtual
+from toppling.models.scan.interface import Interface
 from toppling.models.statics import at_rest, quasi_static_toppling_m_s2
 
 LEARNT = ("weathered", "mushroom", "blobs", "egg")
@@ -37,7 +41,7 @@ class FamilyRock:
     family: str
     truth: virtual.Truth
     stations: list[virtual.Station]
-    toppling_m_s2: Array  # toward AZIMUTHS_DEG
+    toppling_m_s2: Array  # toward AZIMUTHS_DEG, over the pedestal with its bumps
 
     @property
     def name(self) -> str:
@@ -65,6 +69,7 @@ def family_rock(family: str, seed: int) -> FamilyRock:
         limits = np.array(quasi_static_toppling_m_s2(rock, plane, STANDARD_GRAVITY_M_S2, AZIMUTHS_DEG))[:, 1]
         if limits.min() > LEAST_TOPPLING_M_S2 and np.isfinite(limits).all():
             break
+    interface = Interface.through(plane.point_m, plane.normal)
     over = rock.vertices_m @ tilt
     foot = over[over[:, 2] < 0.03 * rock.height_m, :2]
     middle = foot.mean(axis=0)
@@ -77,7 +82,11 @@ def family_rock(family: str, seed: int) -> FamilyRock:
     )
     shifted = ground[0] + [*middle, 0.0]
     truth = virtual.Truth(rock, Pedestal(plane.point_m, plane.normal, shifted @ tilt.T, ground[1]))
-    return FamilyRock(family, truth, _survey(truth, random), limits)
+    feet = interface.flat(contact_feet_m(rock, truth.pedestal))
+    few = least_feet(feet, feet[:0], interface.flat(rock.com_m[None])[0], 1e-5 * rock.height_m)
+    on_feet = dataclasses.replace(rock, feet_m=interface.scene(few))
+    over_bumps = quasi_static_toppling_m_s2(on_feet, truth.pedestal, STANDARD_GRAVITY_M_S2, AZIMUTHS_DEG)
+    return FamilyRock(family, truth, _survey(truth, random), np.array(over_bumps)[:, 1])
 
 
 def _survey(truth: virtual.Truth, random: np.random.Generator) -> list[virtual.Station]:

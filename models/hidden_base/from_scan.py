@@ -34,9 +34,9 @@ from toppling.models.hidden_base.statics import (
     DrawStatics,
     low_feet,
     mass_moved_m,
-    outside_feet,
 )
 from toppling.models.hidden_base.underside import Base, Underside
+from toppling.models.pedestal import Pedestal
 from toppling.models.proportions import effective_number
 from toppling.models.rock import Rock
 from toppling.models.scan.hints_file import FLAT, KINDS, ROUGH, ROUNDED
@@ -47,6 +47,8 @@ DRAWS = 48
 """Kept in the scene."""
 CANDIDATES = 162
 """Draws of each kind, shared by its priors, of which the likelier are kept."""
+PULLED = 160
+"""Places among the weights of the candidates; those that one falls on are pulled."""
 MORE_ROUNDS, ENOUGH = 3, 16.0
 """Where measured pulls leave fewer effective draws than enough, so many more rounds of candidates at most are drawn;
 if they are too few still, the pulls count less."""
@@ -72,6 +74,9 @@ class DrawnBases:
     lift_off_m_s2: Array | None = None
     # How likely each kind of base is by the rim, before any pull.
     kind_weights: dict[str, float] = field(default_factory=dict)
+    feet: list[Array] = field(
+        default_factory=list
+    )  # (k, 3) of each: u, v and clearance of what decides how it rocks
 
     @property
     def kinds(self) -> dict[str, int]:
@@ -141,17 +146,19 @@ def draw_bases(
     base: Base,
     com_std_m: Array,
     inspection: Inspection | None = None,
+    pedestal: Pedestal | None = None,
 ) -> DrawnBases:
     """Draw bases that agree with rim, crevice, standing and inspection (scene frame).
 
     closed, base: the rock closed with a base, for its mass, and that base.
     com_std_m: (3,), standard deviation of its centre of mass.
+    pedestal: its surface, over which the rock rolls; the interface if not given.
     Raises InputError if no base agrees with all of it: `ContradictionError`; if a pull lies beyond what the bases bear.
     """
     inspection = inspection or Inspection()
     near = observed.near(interface)
     under = Underside.of(near, observed.hint, interface)
-    part = hidden_part(under, near, inspection, interface)
+    part = hidden_part(under, near, inspection, interface, pedestal)
     random = np.random.default_rng([2026, 28])
     statics = DrawStatics.of(closed, interface, part, observed.height_m)
     possible = (ROUGH, ROUNDED) if inspection.touch_only else KINDS
@@ -160,19 +167,20 @@ def draw_bases(
     def candidates() -> list[Candidate]:
         return _standing_draws(part, base, closed, interface, com_std_m, asked, random)
 
-    found, shares, weight = _weighed(candidates, statics, inspection.pulls, not interface.is_plane)
+    found, shares, weight = _weighed(candidates, statics, inspection.pulls, not interface.is_plane, random)
     if not found:
         raise contradiction(part, interface.projected_m(closed.com_m[None])[0], interface, inspection)
     kept = [found[number] for number in resampled(weight, DRAWS, random)]
-    lift_off, toppling = _accelerations(kept, statics)
+    lift_off, toppling, feet = zip(*_once_each(kept, statics), strict=True)
     return DrawnBases(
         part,
         [gap for gap, _ in kept],
         np.array([com for _, com in kept]),
-        toppling,
+        np.array(toppling),
         com_std_m,
-        lift_off if interface.is_plane else None,
+        np.array(lift_off) if interface.is_plane else None,
         shares,
+        list(feet),
     )
 
 
@@ -180,18 +188,24 @@ Candidate = tuple[GapDraw, Array]
 """A gap on which the rock stands, and the centre of mass with it."""
 
 
-def _accelerations(kept: list[Candidate], statics: DrawStatics) -> tuple[Array, Array]:
-    """At lift-off and at toppling, (n, azimuths) each, of draws, each worked out once however often it was kept."""
-    once: dict[tuple[int, bytes], tuple[Array, Array]] = {}
+def _once_each(kept: list[Candidate], statics: DrawStatics) -> list[tuple[Array, Array, Array]]:
+    """Accelerations at lift-off and at toppling (azimuths,), and feet, of draws that may be one several times."""
+    once: dict[tuple[int, bytes], tuple[Array, Array, Array]] = {}
     for gap, com_m in kept:
         if (key := (id(gap), com_m.tobytes())) not in once:
-            once[key] = statics.path_m_s2(gap, com_m, tuple(AZIMUTHS_DEG))
-    both = np.array([once[id(gap), com_m.tobytes()] for gap, com_m in kept])
-    return both[:, 0], both[:, 1]
+            low = low_feet(statics.part, gap, statics.side, statics.height_m)
+            com = statics.interface.flat(com_m[None])[0]
+            feet = least_feet(low, statics.high, com, FEET_PER_HEIGHT * statics.height_m)
+            once[key] = (*statics.path_m_s2(gap, com_m, tuple(AZIMUTHS_DEG)), feet)
+    return [once[id(gap), com_m.tobytes()] for gap, com_m in kept]
 
 
 def _weighed(
-    candidates: Callable[[], list[Candidate]], statics: DrawStatics, pulls: Pulls, over_surface: bool
+    candidates: Callable[[], list[Candidate]],
+    statics: DrawStatics,
+    pulls: Pulls,
+    over_surface: bool,
+    random: np.random.Generator,
 ) -> tuple[list[Candidate], dict[str, float], Array]:
     """Draws, the share of each kind, and weights; more draws where pulls leave too few."""
     toward = tuple((azimuth + 180.0) % 360.0 for azimuth, _ in pulls)
@@ -213,13 +227,20 @@ def _weighed(
     weight = mixed_weights([gap for gap, _ in found], shares)
     if not pulls:
         return found, shares, weight
-    ratios = borne(found)
+
+    def likely(found: list[Candidate]) -> list[Candidate]:
+        """Candidates by their weights: what next to never stands as drawn needs no pull."""
+        weight = mixed_weights([gap for gap, _ in found], shares)
+        return [found[number] for number in np.unique(resampled(weight, PULLED, random))]
+
+    found = likely(found)
+    weight, ratios = mixed_weights([gap for gap, _ in found], shares), borne(found)
     check_spanned(pulls, ratios, weight)
     likelihood = pulls_log_likelihood(pulls, ratios)
     for _ in range(MORE_ROUNDS):
         if effective_number(weight * np.exp(likelihood)) >= ENOUGH:
             break
-        more = candidates()
+        more = likely(candidates())
         found, ratios = found + more, np.vstack([ratios, borne(more)])
         weight = mixed_weights([gap for gap, _ in found], shares)
         likelihood = pulls_log_likelihood(pulls, ratios)
@@ -254,19 +275,10 @@ def _standing_draws(
     return found
 
 
-def unseen_base(drawn: DrawnBases, rock: Rock, interface: Interface, height_m: float) -> UnseenBase:
+def unseen_base(drawn: DrawnBases, rock: Rock, height_m: float) -> UnseenBase:
     """The draws as a scene keeps them, for the rock as it was closed in the end."""
-    band_m = BAND_PER_HEIGHT * height_m
-    side, high = outside_feet(rock, interface, drawn.part, height_m)
-    com = interface.flat(rock.com_m[None])[0]
-    draws = [
-        BaseDraw(
-            least_feet(low_feet(drawn.part, gap, side, height_m), high, com, FEET_PER_HEIGHT * height_m),
-            com_m - rock.com_m,
-        )
-        for gap, com_m in zip(drawn.gaps, drawn.com_m, strict=True)
-    ]
-    return UnseenBase(band_m, tuple(draws))
+    draws = [BaseDraw(feet, com_m - rock.com_m) for feet, com_m in zip(drawn.feet, drawn.com_m, strict=True)]
+    return UnseenBase(BAND_PER_HEIGHT * height_m, tuple(draws))
 
 
 def contradiction(

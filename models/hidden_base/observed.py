@@ -16,6 +16,8 @@ from toppling.models.hidden_base.gap import BaseObservation, Relief
 from toppling.models.hidden_base.inspection import Inspection
 from toppling.models.hidden_base.near_interface import NearInterface
 from toppling.models.hidden_base.underside import LEAST_GAP_PER_HEIGHT, Underside, depth_of_holes
+from toppling.models.pedestal import Pedestal
+from toppling.models.relief import height_below
 from toppling.models.scan.interface import Interface
 
 PLACES_ACROSS = 21
@@ -87,8 +89,9 @@ class HiddenPart:
     width_m: float  # root of the hidden area
     inner: int  # so many of the places, the first ones, lie on a square grid over the hidden area
     inspection: Inspection  # in the scene's frame; its places lie at the base
-    side_m: Array  # (s, 3): what was seen of the rock beside the hidden area, u, v and the gap
+    side_m: Array  # (s, 3): what was seen of the rock beside the hidden area, u, v and its clearance
     touched_gap_m: Array  # (k,): the gap that was seen where rock and pedestal are said to touch
+    pedestal: Pedestal | None = None  # its surface around the rock; None: the interface
 
     @property
     def cell_m2(self) -> float:
@@ -114,9 +117,15 @@ class Rim:
 
 
 def hidden_part(
-    under: Underside, near: NearInterface, inspection: Inspection, interface: Interface
+    under: Underside,
+    near: NearInterface,
+    inspection: Inspection,
+    interface: Interface,
+    pedestal: Pedestal | None = None,
 ) -> HiddenPart:
     """Lay places over the hidden base and its rim, and collect what is known of the gap by sight and inspection.
+
+    pedestal: what the clearance of the rock's side is taken over; the interface if not given.
 
     Raises InputError if a place of the inspection is none of the base, or no base is enclosed.
     """
@@ -155,13 +164,23 @@ def hidden_part(
         under.beyond_m(places),
     )
     beside = near.patches[~under.may_be_hidden.ravel()[grid.index(near.patches)]]
-    beside[:, 2] = _gap_over(beside, lit, _BESIDE_PER_HEIGHT * height_m)[0]
-    side = _smoothed(beside)
+    side = _smoothed(clearances(beside, interface, pedestal))
     touched = places[touching]
     seen_m = np.maximum(
         least_gap[grid.index(touched)], _gap_at_rim(rim, touched, _BESIDE_PER_HEIGHT * height_m)
     )
-    return HiddenPart(under, observed, width_m, len(inner), inspection, side, seen_m)
+    return HiddenPart(under, observed, width_m, len(inner), inspection, side, seen_m, pedestal)
+
+
+def clearances(places_m: Array, interface: Interface, pedestal: Pedestal | None) -> Array:
+    """Places (k, 3) over an interface, with their heights over the pedestal's surface; those beside it left out."""
+    if pedestal is None or pedestal.vertices_m is None or pedestal.faces is None:
+        return places_m
+    ground = interface.flat(pedestal.vertices_m)
+    relief_m = (
+        height_below(places_m[:, :2], ground, pedestal.faces, highest=True) - interface.rise(places_m)[:, 2]
+    )
+    return (places_m - np.pad(relief_m[:, None], ((0, 0), (2, 0))))[np.isfinite(relief_m)]
 
 
 def _no_base(under: Underside, low: Array, lit: Array) -> InputError:

@@ -122,6 +122,7 @@ def base_unseen(
     observed: ObservedRock,
     interface: Interface,
     closed: ClosedRock,
+    pedestal: Pedestal,
     inspection: Inspection,
     unaided: list[dict[str, float]] | None = None,
 ) -> tuple[Rock, UnseenBase, dict[str, Any]]:
@@ -134,7 +135,7 @@ def base_unseen(
     """
     smooth = hidden_base(observed.near(interface), observed.hint, interface)
     std_m = np.array(spread_of(closed)["com_std_m"])
-    drawn = draw_bases(observed, interface, closed.rock, smooth, std_m, inspection)
+    drawn = draw_bases(observed, interface, closed.rock, smooth, std_m, inspection, pedestal)
     report: dict[str, Any] = {"level": LEVEL} | intervals(drawn, interface)
     report["next_observations"] = observations(drawn, interface)
     seen_m = drawn.part.touched_gap_m
@@ -147,10 +148,12 @@ def base_unseen(
         row["high_m_s2"] = max(row["high_m_s2"], most)
     outlined = observed.hint is not None and observed.hint.encloses
     if outlined or not inspection.says_nothing:
-        report["without_inspection"] = unaided or _unaided(observed, interface, closed, smooth, std_m)
+        report["without_inspection"] = unaided or _unaided(
+            observed, interface, closed, smooth, std_m, pedestal
+        )
     rock, as_said = closed.rock, outlined and inspection.says_nothing  # it rests flat, within the outline
     if interface.sheet is None:
-        unseen = unseen_base(drawn, rock, interface, observed.height_m)
+        unseen = unseen_base(drawn, rock, observed.height_m)
         number = None if as_said else nominal_draw(drawn, unseen, rock, interface)
         unseen = dataclasses.replace(unseen, nominal=number)
         return rock, unseen, report | {"nominal_at_rest": as_said or number is not None}
@@ -165,12 +168,18 @@ def base_unseen(
 
 
 def _unaided(
-    observed: ObservedRock, interface: Interface, closed: ClosedRock, smooth: Base, std_m: Array
+    observed: ObservedRock,
+    interface: Interface,
+    closed: ClosedRock,
+    smooth: Base,
+    std_m: Array,
+    pedestal: Pedestal,
 ) -> list[dict[str, float]] | None:
     """Intervals of the toppling acceleration without what the user knows of the base; None if nothing stands then."""
     hint = None if observed.hint is None or observed.hint.encloses else observed.hint
     try:
-        before = draw_bases(dataclasses.replace(observed, hint=hint), interface, closed.rock, smooth, std_m)
+        unaided = dataclasses.replace(observed, hint=hint)
+        before = draw_bases(unaided, interface, closed.rock, smooth, std_m, pedestal=pedestal)
     except ContradictionError:
         return None
     return intervals(before, interface)["toppling"]

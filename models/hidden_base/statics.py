@@ -14,10 +14,10 @@ from toppling.models.contact import ContactProperties
 from toppling.models.facet_path import Seat
 from toppling.models.frames import STANDARD_GRAVITY_M_S2, horizontal_unit_vector
 from toppling.models.ground.equilibrium import farthest_load, wrenches
-from toppling.models.hidden_base.draws import least_feet
+from toppling.models.hidden_base.draws import feet_above_m, least_feet
 from toppling.models.hidden_base.gap import GapDraw
 from toppling.models.hidden_base.near_interface import SIDE_TANGENT
-from toppling.models.hidden_base.observed import HiddenPart
+from toppling.models.hidden_base.observed import HiddenPart, clearances
 from toppling.models.hidden_base.underside import Base
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
@@ -50,7 +50,7 @@ class DrawStatics:
     @classmethod
     def of(cls, rock: Rock, interface: Interface, part: HiddenPart, height_m: float) -> DrawStatics:
         """The rock with what stays of it on every draw."""
-        side, high = outside_feet(rock, interface, part, height_m)
+        side, high = _outside_feet(rock, interface, part, height_m)
         com = interface.flat(rock.com_m[None])[0]
         high = high[high[:, 2] < _HIGH_FEET_PER_HEIGHT * height_m]
         above = np.array([[*com[:2], 2.0 * com[2]]])
@@ -74,19 +74,22 @@ class DrawStatics:
         return np.array(lift_off), np.array(toppling)
 
 
-def outside_feet(rock: Rock, interface: Interface, part: HiddenPart, height_m: float) -> tuple[Array, Array]:
+def _outside_feet(rock: Rock, interface: Interface, part: HiddenPart, height_m: float) -> tuple[Array, Array]:
     """The rock's vertices beside the hidden base, within the band above the plane, and those above it (u, v, h)."""
+    band_m = BAND_PER_HEIGHT * height_m
     flat = _hull_over(rock, interface)
+    high = flat[flat[:, 2] >= band_m]
+    if part.pedestal is not None and interface.sheet is None:
+        high = interface.flat(feet_above_m(rock, part.pedestal, band_m))  # those that shakes take
     grid, side = part.under.grid, part.side_m
     if interface.edge is not None:
         side = side[interface.edge.carries(side)]
-    low = flat[:, 2] < BAND_PER_HEIGHT * height_m
-    unseen = flat[low & ~part.under.hidden.ravel()[grid.index(flat)]]
-    if len(side):
-        side = side[side[:, 2] < BAND_PER_HEIGHT * height_m]
+    unseen = flat[(flat[:, 2] < band_m) & ~part.under.hidden.ravel()[grid.index(flat)]]
+    unseen = clearances(unseen, interface, part.pedestal)
+    side = side[side[:, 2] < band_m]
     if len(side):
         unseen = unseen[cKDTree(side[:, :2]).query(unseen[:, :2])[0] > 4.0 * grid.cell_m]
-    return np.vstack([side, unseen]), flat[~low]
+    return np.vstack([side, unseen]), high
 
 
 def low_feet(part: HiddenPart, gap: GapDraw, side: Array, height_m: float) -> Array:

@@ -31,6 +31,10 @@ _LEVEL_PER_HEIGHT = 0.003
 """What is no farther from the interface is level, where the ground is met as a surface."""
 
 
+_MEDIAN_OF = 13
+"""Patches, two rings around one, whose median height is the pedestal's there."""
+
+
 @dataclass(frozen=True, eq=False)
 class Ground:
     """Pedestal surface, contact outline and edges."""
@@ -80,9 +84,9 @@ def pedestal_ground(surfels: Surfels, pedestal: Flags, rock: Rock, interface: In
     nodes = grid.nodes_m
     flat = interface.over(surfels.points_m[pedestal])
     top = is_ground(flat, surfels.normals[pedestal], interface, height)
-    # Strays between rock and pedestal make spikes.
-    near = cKDTree(flat[top, :2]).query(flat[top, :2], min(13, int(top.sum())))[1]
-    top[top] = np.abs(flat[top, 2] - np.median(flat[top, 2][near], axis=1)) < cell
+    # Strays between rock and pedestal, and grass, make spikes, over which the rock would roll too late.
+    near = cKDTree(flat[top, :2]).query(flat[top, :2], min(_MEDIAN_OF, int(top.sum())))[1]
+    flat[top, 2] = np.median(flat[top, 2][near], axis=1)
     if interface.edge is not None:
         top &= interface.edge.outside_m(flat) < 0.0
         flat_rock = np.maximum(flat_rock, [-np.inf, -np.inf, 0.0])  # what hangs keeps no ground down

@@ -89,7 +89,7 @@ class WorkedOut:
         self.inspection.check(*self.bounds_m)
         known = self.inspection.moved(self.origin_m)
         check_inspection(self.observed, self.interface, known)
-        parts = (self.observed, self.interface, self.closed)
+        parts = (self.observed, self.interface, self.closed, self.pedestal)
         rock, unseen, standing = base_unseen(*parts, known, self.unaided)
         scene = Scene(rock, self.pedestal, origin_m=self.origin_m, unseen=unseen)
         nominal = standing.get("nominal_m_s2")

@@ -6,8 +6,9 @@ from patches import LEVEL
 
 from toppling.models.hidden_base.inspection import Inspection
 from toppling.models.hidden_base.near_interface import NearInterface
-from toppling.models.hidden_base.observed import UNSEEN_STD_SHARE, hidden_part
+from toppling.models.hidden_base.observed import UNSEEN_STD_SHARE, clearances, hidden_part
 from toppling.models.hidden_base.underside import Underside
+from toppling.models.pedestal import Pedestal
 
 HEIGHT_M, RADIUS_M, PITCH_M, RIM_M = 2.0, 0.5, 0.01, 0.04
 
@@ -92,3 +93,12 @@ def test_a_side_that_hangs_ends_where_the_pedestal_was_seen_more_than_a_gap_fart
     observed = seen_at_the_rim(wall, ground_from(RADIUS_M - gaps_in * RIM_M - 0.5 * PITCH_M))
     right = np.isclose(observed.gap_m, RIM_M if ends else 0.5 * RIM_M) & (observed.group == int(ends))
     assert right.mean() > 0.95
+
+
+def test_a_clearance_is_taken_over_the_pedestals_surface_and_there_is_none_beside_it():
+    """A round rock that rolls where its pedestal falls away topples sooner than over the plane."""
+    corners = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.2], [1.0, 1.0, 0.2], [-1.0, 1.0, 0.0]])
+    falls = Pedestal(np.zeros(3), LEVEL.normal, corners * [1.0, 1.0, -1.0], np.array([[0, 1, 2], [0, 2, 3]]))
+    places = np.array([[0.0, 0.3, 0.05], [0.5, -0.2, 0.07], [3.0, 0.0, 0.1]])
+    np.testing.assert_allclose(clearances(places, LEVEL, falls), [[0.0, 0.3, 0.15], [0.5, -0.2, 0.22]])
+    np.testing.assert_array_equal(clearances(places, LEVEL, None), places)

@@ -2,6 +2,6 @@
 
 __all__ = [
     "arrays", "bearings", "compiled", "contact", "described", "errors", "frames", "kept",
-    "lengths", "matplotlib_alone", "numba_alone", "openquake", "pedestal", "proportions", "relief", "scene", "settling",
+    "lengths", "matplotlib_alone", "openquake", "pedestal", "proportions", "relief", "scene", "settling",
     "shapes", "spelling", "statics", "trajectory",
 ]  # fmt: skip

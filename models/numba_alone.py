@@ -24,13 +24,11 @@ if "numba" not in sys.modules and os.path.exists(FILE):  # noqa: PTH110
 
 import numba  # noqa: E402
 import numba.core.caching  # noqa: E402
-from numba import carray, types  # noqa: E402
 from numba.core import config  # noqa: E402
-from numba.extending import intrinsic  # noqa: E402
 
 config._config_fname = (
     os.devnull
 )  # no regular file, so that there is nothing to read when something is compiled
 config._env_reloader.reset()  # of who had imported Numba before
 
-__all__ = ["carray", "intrinsic", "numba", "types"]
+__all__ = ["numba"]

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from toppling.models.compiled import Array, Indices, Vector, compiled, inner
+from toppling.models.compiled import Array, Indices, compiled, inner
 from toppling.models.ground.vectors import cross, dot, minus, plus
 
 _CELLS = 40
@@ -102,16 +102,24 @@ def _register(
                 # Of what lies beyond the box the last cell comes before the first: it is registered nowhere.
                 begin[k] = max(math.floor((least - reach_m - low[k]) / cell), 0)
                 end[k] = min(math.floor((most + reach_m - low[k]) / cell), shape[k] - 1)
+            way = minus(of[1], of[0])
+            normal = cross(way, minus(of[2], of[0]))
+            size, along = math.sqrt(dot(normal, normal)), dot(way, way)
             for x in range(begin[0], end[0] + 1):
                 for y in range(begin[1], end[1] + 1):
                     for z in range(begin[2], end[2] + 1):
-                        middle = (
-                            low[0] + (x + 0.5) * cell,
-                            low[1] + (y + 0.5) * cell,
-                            low[2] + (z + 0.5) * cell,
+                        offset = (
+                            low[0] + (x + 0.5) * cell - of[0, 0],
+                            low[1] + (y + 0.5) * cell - of[0, 1],
+                            low[2] + (z + 0.5) * cell - of[0, 2],
                         )
-                        if not _is_near(of, middle, far_m):
-                            continue
+                        if size > 0.0:
+                            if abs(dot(offset, normal)) > far_m * size:
+                                continue
+                        else:
+                            aside = plus(offset, -min(max(dot(offset, way) / along, 0.0), 1.0), way)
+                            if dot(aside, aside) > far_m * far_m:
+                                continue
                         number = (x * shape[1] + y) * shape[2] + z
                         if fills:
                             near[first[number + 1]] = owner
@@ -119,20 +127,3 @@ def _register(
                         else:
                             first[number + 2] += 1
     return first[:-1].copy(), near
-
-
-@inner
-def _is_near(corners: Array, place: Vector, far_m: float) -> bool:
-    """Whether a place lies within a distance of a triangle's plane, or of its line where it is one."""
-    way, other, offset = (
-        minus(corners[1], corners[0]),
-        minus(corners[2], corners[0]),
-        minus(place, corners[0]),
-    )
-    normal = cross(way, other)
-    size = math.sqrt(dot(normal, normal))
-    if size > 0.0:
-        return abs(dot(offset, normal)) <= far_m * size
-    share = min(max(dot(offset, way) / dot(way, way), 0.0), 1.0)
-    aside = plus(offset, -share, way)
-    return dot(aside, aside) <= far_m * far_m

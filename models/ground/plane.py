@@ -38,6 +38,9 @@ _KEY = 6 << 60
 _CELL_SHARE, _REACH = 0.03, 4.0
 """Of R: size of the cells in which the ground is looked up, and how far around the rock."""
 
+_SIZES_AN_OCTAVE = 4
+"""To which R is rounded for these cells."""
+
 _LISTED_SHARE = 0.03
 """Of R: points so near the plane are listed together."""
 
@@ -214,13 +217,12 @@ def flat_part_of(pedestal: Pedestal, rock: Rock, base_m: Array | None = None) ->
         return ENDLESS
     size_m, off_m, is_drawn = float(rock.half_diagonal_m), FLAT_SHARE * rock.height_m, base_m is not None
     frame = np.column_stack([*plane_axes(pedestal.normal), pedestal.normal])
-    # Bases and centres of mass that are drawn share the cells.
+    # Bases and centres of mass that are drawn share the cells: their sizes differ by some per cent.
+    size_m = 2.0 ** (round(_SIZES_AN_OCTAVE * np.log2(size_m)) / _SIZES_AN_OCTAVE)
     centre = (((rock.com_m - pedestal.point_m) @ frame)[:2] / size_m).round() * size_m
     low_m, cell_m, falls, rises = _off_plane(pedestal, size_m, off_m, tuple(centre), is_drawn)
     if base_m is not None:
-        below = _within(
-            base_m, low_m + (np.moveaxis(np.indices(falls.shape), 0, -1) + 0.5) * cell_m, 1.5 * cell_m
-        )
+        below = _cells_within(base_m, low_m, cell_m, falls.shape)
         rises, falls = rises & ~below, falls & ~below
     return FlatPart(low_m, cell_m, *(_distance_m(each, cell_m) for each in (falls, rises)))
 
@@ -231,13 +233,19 @@ def _distance_m(of: Flags, cell_m: float) -> Array:
     return np.asarray(ndimage.distance_transform_edt(~of)) * cell_m
 
 
-def _within(base_m: Array, places_m: Array, by_m: float) -> Flags:
-    """Which places (..., 2) lie within the hull of a base (n, 2), or so near it."""
+def _cells_within(base_m: Array, low_m: Array, cell_m: float, shape: tuple[int, ...]) -> Flags:
+    """Which cells lie within the hull of a base (n, 2), or so near it that they may hold a part of it."""
+    found, near_m = np.zeros(shape, bool), 1.5 * cell_m
+    begin = np.maximum(np.floor((base_m.min(axis=0) - near_m - low_m) / cell_m).astype(int), 0)
+    end = np.minimum(np.ceil((base_m.max(axis=0) + near_m - low_m) / cell_m).astype(int), shape)
+    part = np.s_[begin[0] : end[0], begin[1] : end[1]]
+    places_m = low_m + (np.moveaxis(np.mgrid[part], 0, -1) + 0.5) * cell_m
     try:
         lines = ConvexHull(base_m).equations
+        found[part] = (places_m @ lines[:, :2].T + lines[:, 2]).max(axis=-1) <= near_m
     except (QhullError, ValueError):
-        return np.asarray(np.linalg.norm(places_m - base_m.mean(axis=0), axis=-1) <= by_m)
-    return np.asarray((places_m @ lines[:, :2].T + lines[:, 2]).max(axis=-1) <= by_m)
+        found[part] = np.linalg.norm(places_m - base_m.mean(axis=0), axis=-1) <= near_m
+    return found
 
 
 @kept

@@ -10,7 +10,7 @@ from toppling.models.contact import ContactProperties
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.models.shapes import box, cylinder
-from toppling.workers.engines.bullet import checked_steps, worlds
+from toppling.workers.engines.bullet import checked_steps
 from toppling.workers.engines.protocol import StepCheckError
 from toppling.workers.options import PRESETS
 from toppling.workers.shake import shake
@@ -102,31 +102,30 @@ def test_looks_that_no_rule_calls_for_are_left_out_without_a_trace(monkeypatch):
         assert rows[0] == rows[1]
 
 
-def checked_shake(monkeypatch, inertia=1.0, shift_m=0.0):
-    """A shake whose engine has a rock of another inertia, or one that is shifted against ours."""
+def checked_shake(monkeypatch, rock_shift_m=0.0, end_shift_m=0.0):
+    """A shake whose engine has a rock that is shifted against ours, or takes it to other poses."""
     scene, motion = Scene.block(0.2, 0.25, 0.6), noise(np.random.default_rng(3), G)
-    options = dataclasses.replace(PRESETS["fast"], checked_steps=1.0)
+    carried_out = checked_steps.carried_out
 
-    def other(contact, points):
-        moved = dataclasses.replace(contact, points_body_m=contact.points_body_m + shift_m)
-        world = worlds.world_of(moved, points).copy()
-        world["inertia_m2"] *= (1.0, inertia, 1.0)
-        return world
+    def otherwise(contact, start, end, step_s):
+        moved = dataclasses.replace(contact, points_body_m=contact.points_body_m + rock_shift_m)
+        return carried_out(moved, start, end + end_shift_m * np.eye(7)[0], step_s)
 
-    monkeypatch.setattr(checked_steps, "world_of", other)
-    return shake(scene, motion, options)
+    monkeypatch.setattr(checked_steps, "carried_out", otherwise)
+    return shake(scene, motion, dataclasses.replace(PRESETS["fast"], checked_steps=1.0))
 
 
 def test_a_step_that_the_engine_takes_otherwise_is_an_error_of_the_job(monkeypatch):
     assert checked_shake(monkeypatch).engine_steps > 100
-    with pytest.raises(StepCheckError):
-        checked_shake(monkeypatch, inertia=1.2)
-
-
-def test_a_contact_that_the_engine_finds_elsewhere_is_an_error_of_the_job(monkeypatch):
     with pytest.raises(StepCheckError) as error:
-        checked_shake(monkeypatch, shift_m=1e-4)
-    assert error.value.unlike == np.inf
+        checked_shake(monkeypatch, end_shift_m=1e-8)
+    assert error.value.allowed == checked_steps.ALLOWED
+
+
+def test_a_gap_that_the_engine_finds_otherwise_is_an_error_of_the_job(monkeypatch):
+    with pytest.raises(StepCheckError) as error:
+        checked_shake(monkeypatch, rock_shift_m=1e-3)
+    assert error.value.allowed == checked_steps.GAP_ALLOWED
 
 
 def test_an_attitude_whose_quaternion_has_a_zero_is_told_from_no_other():

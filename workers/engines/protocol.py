@@ -37,7 +37,7 @@ class StepCheckError(RuntimeError):
     time_s : float
         Of the shake.
     unlike : float
-        Largest difference of a pose, over R; infinite where they touch at other places.
+        Largest difference of a pose or of the least gap, over R.
     allowed : float
     """
 
@@ -48,7 +48,7 @@ class StepCheckError(RuntimeError):
     def __str__(self) -> str:
         return (
             f"at {self.time_s:.4f} s the engine repeats a step of the program's own and comes elsewhere: by "
-            f"{self.unlike:.1e} of the rock's size, where {self.allowed:.0e} is rounding. Report the job"
+            f"{self.unlike:.1e} of the rock's size, where {self.allowed:.0e} is allowed. Report the job"
         )
 
 

@@ -1,223 +1,222 @@
 """The program's steps, which PyBullet carries out and whose contacts it finds for itself: all of them, or a share.
 
 A step takes the rock from one pose to the next. PyBullet is given the first of them and the velocity that leads to the
-other, and must come there; what of the rock it finds near the plane must be near it by our measure too. It has the rock
-higher by as much as keeps its own solver from braking it.
+other, and must come there; the gap that it finds between the rock's hull and the plane must be ours too. It has the
+rock higher, so that its own solver never brakes it.
 """
 
 from __future__ import annotations
 
 import math
+import os
 import zlib
+from collections import OrderedDict
+from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from toppling.models.compiled import Array, Vector, compiled, inner
+from toppling.models.compiled import Array, compiled
 from toppling.models.ground.plane import is_over_plane
+from toppling.models.ground.points import ContactModel
 from toppling.models.ground.stepping import Grounded
-from toppling.models.ground.vectors import copy, dot, minus, plus, rotation_of, turned
-from toppling.models.numba_alone import carray
-from toppling.workers.engines.bullet import binding
-from toppling.workers.engines.bullet.worlds import RADIUS_SHARE, WORLD, world_of
+from toppling.models.ground.vectors import rotation_of
 from toppling.workers.engines.protocol import StepCheckError, Steps
 from toppling.workers.problem import Problem
-from toppling.workers.quaternion import normal_in_body, rotation_between, to_body, to_world
 from toppling.workers.stepping import Watch, take_steps
 
-_SETS_DEG = (8.0, 25.0, 75.0)
-"""Tilts up to which sets of the rock's points serve: a world of all is slow."""
+
+def _imported() -> Any:
+    """The module, which on its import writes to the terminal's descriptor when it was built."""
+    terminal = os.dup(2)
+    try:
+        with Path(os.devnull).open("w") as nowhere:
+            os.dup2(nowhere.fileno(), 2)
+        return import_module("pybullet")
+    finally:
+        os.dup2(terminal, 2)
+        os.close(terminal)
+
+
+pybullet = _imported()
 
 ALLOWED = 1e-9
 """Of R: by which a pose may differ."""
 
-_NEAR_WITHIN = 1e-6
-"""Of R: by which the gap of a contact that PyBullet finds may differ from that of a point of ours."""
+GAP_ALLOWED = 2.0 * math.sqrt(3.0) / 10216
+"""Of R: by which the least gap may differ. PyBullet keeps a hull's corners to 1/10216 of its extent along each axis."""
 
-_RAISED_SHARE, _RAISED_OVER, _LOOKED_AT = 1e-5, 1.2, 1.5
-"""Of R: by how much PyBullet has the rock higher at least; over the depth of a point; within what it looks."""
+_RAISED, _NEAR = 0.05, 0.1
+"""Of R: by how much PyBullet has the rock higher, and gaps up to which it looks for contacts."""
+
+_MOST_WORLDS = 8
+"""Worlds that a process keeps, as many as a worker keeps scenes; the least recently used one is rebuilt."""
+
+_SPIN_ROUNDS = 20
+"""Rounds of the fixed point that finds the spin before a step; each gains a factor of about 1 / (step x spin)."""
+
+_WORLDS: OrderedDict[int, tuple[ContactModel, int, int]] = OrderedDict()
+"""Contact model, client and rock's body of each world, by the identity of the model."""
 
 
 class CheckedSteps:
-    """Takes steps of one shake, and has PyBullet repeat those over the plane.
+    """Takes the steps of one shake, and has PyBullet repeat those over the plane.
 
     Raises
     ------
     StepCheckError
-        If it comes elsewhere.
+        If PyBullet moves the rock elsewhere, or finds another gap.
     """
 
     def __init__(self, problem: Problem) -> None:
-        self._problem, contact = problem, problem.contact
-        self._worlds = np.zeros(len(_SETS_DEG), WORLD)
-        self._worlds["points"] = np.searchsorted(contact.onset_deg, _SETS_DEG, side="right")
-        self._draw = np.full(2, zlib.crc32(problem.motion.acceleration_m_s2.tobytes()), np.uint64)
-        self._points = np.ascontiguousarray(contact.points_body_m)
-        self._upright = np.ascontiguousarray(contact.support_from_body[2])
-        # On a rounded base or a mesh PyBullet's points touch elsewhere than ours.
+        self._problem = problem
+        self._random = np.random.default_rng(zlib.crc32(problem.motion.acceleration_m_s2.tobytes()))
+        # On a rounded base or a mesh PyBullet's hull touches elsewhere than our surfaces.
         self._checks = not problem.rolls and problem.scene.ground.is_plane
 
     def __call__(self, sim: Grounded, block: int, watch: Watch) -> int:
         """Go on by blocks of so many steps, as :func:`toppling.workers.stepping.take_steps`."""
-        at = np.array([sim.counts[1], -1])  # the pose to go on from, and the set that has no world yet
+        begin = sim.counts[1]
         since = int(take_steps(sim, block, watch))
-        while self._checks and at[0] < sim.counts[1]:
-            rock = self._worlds, self._points, self._upright
-            unlike = _check(sim, rock, self._draw, self._problem.options.checked_steps, at)
-            if unlike > ALLOWED:
-                raise StepCheckError(float(sim.time_s[at[0]]), float(unlike), ALLOWED)
-            if at[1] >= 0:
-                self._worlds[at[1]] = world_of(self._problem.contact, int(self._worlds["points"][at[1]]))[0]
-                at[1] = -1
+        if self._checks and sim.counts[1] > begin:
+            self._repeat(sim, begin, sim.counts[1])
         return since
 
+    def _repeat(self, sim: Grounded, begin: int, end: int) -> None:
+        """Let PyBullet take a share of the steps between two poses."""
+        time_s, pose = sim.time_s[begin : end + 1], sim.pose[begin : end + 1]
+        # A longer step is one in which the rock rested.
+        drawn = (np.diff(time_s) < 1.5 * sim.step_s) & (
+            self._random.random(end - begin) < self._problem.options.checked_steps
+        )
+        which = np.flatnonzero(drawn)
+        which = which[_over_plane(sim, pose[which])]
+        if len(which) == 0:
+            return
+        sim.counts[5] += len(which)
+        start, reached = pose[which], pose[which + 1]
+        there, gap_m = carried_out(self._problem.contact, start, reached, sim.step_s)
+        unlike = _difference(there, reached, sim.size_m).max(axis=1)
+        seen_m = (_NEAR - _RAISED) * sim.size_m
+        gap_off = np.abs(gap_m.clip(max=seen_m) - self._least_gap_m(start).clip(max=seen_m)) / sim.size_m
+        for off, allowed in ((unlike, ALLOWED), (gap_off, GAP_ALLOWED)):
+            if not (off <= allowed).all():
+                first = int(np.argmin(off <= allowed))
+                raise StepCheckError(float(time_s[which[first]]), float(off[first]), allowed)
 
-@compiled
-def _check(sim: Grounded, rock: Any, draw: Array, share: float, at: Array) -> float:
-    """Let the engine take the steps from a pose on, or a share of them; by how much a pose differs, over R, at most.
+    def _least_gap_m(self, pose: Array) -> Array:
+        """Gap of the lowest of the rock's points over the plane in poses (n, 7)."""
+        x, y, z, w = pose[:, 3:].T
+        down = np.stack([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)], axis=1)
+        return np.asarray(pose[:, 2] + (down @ self._problem.contact.points_body_m.T).min(axis=1))
 
-    It goes on until one does, or a set of points has no world yet.
+
+@compiled(allocates=True)
+def _over_plane(sim: Grounded, poses: Array) -> Array:
+    """In which of some poses (n, 7) the plane is all that the rock may touch."""
+    found = np.zeros(len(poses), np.bool_)
+    for i in range(len(poses)):
+        rotation_of(poses[i], sim.work.turn)
+        found[i] = is_over_plane(sim.over, poses[i], sim.work.turn, sim.lists.farthest_m, 0.0)
+    return found
+
+
+def _difference(pose: Array, other: Array, size_m: float) -> Array:
+    """Differences (n, 6) of two sequences of poses: of the place over R, and of the attitude, rad."""
+    turn = Rotation.from_quat(pose[:, 3:]) * Rotation.from_quat(other[:, 3:]).inv()
+    return np.abs(np.hstack([(pose[:, :3] - other[:, :3]) / size_m, turn.as_rotvec()]))
+
+
+def carried_out(contact: ContactModel, start: Array, end: Array, step_s: float) -> tuple[Array, Array]:
+    """Let PyBullet take a rock from some poses (n, 7) to others in one step each.
+
+    Returns
+    -------
+    (n, 7) array, (n,) array
+        The poses to which it comes, and the least gap that it finds in the first ones, m.
     """
-    worlds, points, upright = rock
-    while at[0] < sim.counts[1]:
-        start, end = sim.pose[at[0]], sim.pose[at[0] + 1]
-        step_s = sim.time_s[at[0] + 1] - sim.time_s[at[0]]
-        if step_s < 1.5 * sim.step_s and _is_drawn(draw, share):  # else it rested
-            rotation_of(start, sim.work.turn)
-            if is_over_plane(sim.over, start, sim.work.turn, sim.lists.farthest_m, 0.0):
-                tilt_rad = math.acos(
-                    min(dot(normal_in_body(start), upright), dot(normal_in_body(end), upright), 1.0)
-                )
-                which = 0
-                while which < len(worlds) - 1 and math.degrees(tilt_rad) > 0.9 * _SETS_DEG[which]:
-                    which += 1
-                if worlds[which].client == 0:
-                    at[1] = which
-                    draw[0] = draw[1]
-                    return 0.0
-                sim.counts[5] += 1
-                unlike = _repeat(sim, worlds[which], points, start, end, step_s)
-                if not unlike <= ALLOWED:
-                    return max(unlike, 2.0 * ALLOWED)
-        at[0] += 1
-    return 0.0
+    client, rock = _world_of(contact)
+    pybullet.setPhysicsEngineParameter(fixedTimeStep=step_s, physicsClientId=client)
+    raised_m = _RAISED * contact.half_diagonal_m
+    before, after = Rotation.from_quat(start[:, 3:]), Rotation.from_quat(end[:, 3:])
+    spin = (after * before.inv()).as_rotvec() / step_s
+    spin = before.apply(_spin_before(before.inv().apply(spin), contact.principal_inertia_m2, step_s))
+    place, attitude = (start[:, :3] + (0.0, 0.0, raised_m)).tolist(), start[:, 3:].tolist()
+    speed, spins = ((end[:, :3] - start[:, :3]) / step_s).tolist(), spin.tolist()
+    there, gap_m = [], []
+    for k in range(len(place)):
+        pybullet.resetBasePositionAndOrientation(rock, place[k], attitude[k], client)
+        pybullet.resetBaseVelocity(rock, speed[k], spins[k], client)
+        pybullet.stepSimulation(client)
+        there.append(pybullet.getBasePositionAndOrientation(rock, client))
+        found = pybullet.getContactPoints(rock, physicsClientId=client)
+        gap_m.append(min((one[_DISTANCE] for one in found), default=_NEAR * contact.half_diagonal_m))
+    reached = np.array([(*at, *turn) for at, turn in there])
+    reached[:, 2] -= raised_m
+    return reached, np.array(gap_m) - raised_m
 
 
-@inner
-def _is_drawn(draw: Array, share: float) -> bool:
-    """Whether a step is to be repeated: a seeded share, by a congruential generator (Knuth's MMIX)."""
-    draw[1] = draw[0]
-    draw[0] = draw[0] * np.uint64(6364136223846793005) + np.uint64(1442695040888963407)
-    return float(draw[0] >> np.uint64(11)) * 2.0**-53 < share
+_DISTANCE = 8
+"""Field of a contact that `getContactPoints` returns: its gap, m."""
 
 
-@inner(allocates=True)
-def _repeat(sim: Grounded, world: Any, points: Array, start: Array, end: Array, step_s: float) -> float:
-    """Let the engine take the rock from one pose to another; by how much it comes elsewhere, over R.
+def _spin_before(spin_rad_s: Array, inertia_m2: Array, step_s: float) -> Array:
+    """Angular velocities (n, 3) that a step without moments turns into those given, in body axes.
 
-    Infinite where it finds a contact at which no point of ours is.
+    Bullet adds step x inertia^-1 ((inertia x spin) x spin), at the start of the step.
     """
-    spin, way, turn = rotation_between(start, end), minus(end, start), sim.work.turn
-    velocity = np.empty(6)
-    for k in range(3):
-        velocity[k], velocity[3 + k] = way[k] / step_s, spin[k] / step_s
-    below_m = 0.0
-    for i in range(world.points):
-        arm = turned(turn, points[i])
-        rate = velocity[2] + velocity[3] * arm[1] - velocity[4] * arm[0]
-        gap = start[2] + arm[2]
-        below_m = max(below_m, -gap, -gap - step_s * rate)
-    size_m = sim.size_m
-    raised_m = _RAISED_OVER * (max(below_m, _RAISED_SHARE * size_m) + RADIUS_SHARE * size_m)
-    there, told = np.empty(7), _step(world, start, velocity, step_s, raised_m, raised_m * _LOOKED_AT / size_m)
-    copy(told[:7], there)
-    there[2] -= raised_m
-    off = minus(there, end)
-    unlike = max(abs(off[0]), abs(off[1]), abs(off[2])) / size_m
-    off = rotation_between(there, end)
-    unlike = max(unlike, abs(off[0]), abs(off[1]), abs(off[2]))
-    for contact in _contacts(world.client):
-        nearest_m = np.inf
-        for i in range(world.points):
-            place = plus(start, 1.0, turned(turn, points[i]))
-            aside_m = max(abs(place[0] - contact[_PLACE]), abs(place[1] - contact[_PLACE + 1]))
-            gap_m = contact[_DISTANCE] - raised_m + RADIUS_SHARE * size_m
-            nearest_m = min(nearest_m, max(aside_m - 2.0 * RADIUS_SHARE * size_m, abs(gap_m - place[2])))
-        if nearest_m > _NEAR_WITHIN * size_m:
-            return np.inf
-    return unlike
+    turning = step_s * (inertia_m2[[1, 2, 0]] - inertia_m2[[2, 0, 1]]) / inertia_m2
+    before = spin_rad_s
+    for _ in range(_SPIN_ROUNDS):
+        before = spin_rad_s - turning * before[:, [1, 2, 0]] * before[:, [2, 0, 1]]
+    return before
 
 
-@inner(allocates=True)
-def _step(
-    world: Any, pose: Array, velocity: Array, step_s: float, raised_m: float, near_share: float
-) -> Array:
-    """Place the rock (7,) higher, and take a step with a velocity (6,) and no gravity; the pose that it leads to."""
-    client, vector = world.client, np.empty(3)
-    command = binding.parameters(client)
-    if step_s != world.step_s:
-        binding.set_step(command, step_s)
-        world.step_s = step_s
-    binding.set_near(command, near_share)
-    binding.submit(client, command)
-    command = binding.pose_command(client, world.rock)
-    binding.set_place(command, pose[0], pose[1], pose[2] + raised_m)
-    binding.set_attitude(command, pose[3], pose[4], pose[5], pose[6])
-    binding.submit(client, command)
-    command = binding.pose_command(client, world.rock)
-    copy(velocity[:3], vector)
-    binding.set_velocity(command, vector.ctypes.data)
-    vector[0], vector[1], vector[2] = _before_turning(world, pose, velocity, step_s)
-    binding.set_spin(command, vector.ctypes.data)
-    binding.submit(client, command)
-    # Takes the rock out of the broad phase and back: only so do contacts get the new threshold.
-    command = binding.collision_filter(client)
-    binding.set_filter(command, world.rock, -1, 1, -1)
-    binding.submit(client, command)
-    binding.submit(client, binding.step_command(client))
-    pointers = np.empty(7, np.int64)
-    to = pointers.ctypes.data
-    status = binding.submit(client, binding.request_state(client, world.rock))
-    binding.get_state(status, to, to + 8, to + 16, to + 24, to + 32, to + 40, to + 48)
-    out = np.empty(7)
-    copy(carray(binding.pointer(pointers[4]), 7, np.float64), out)
-    return out
+def _world_of(contact: ContactModel) -> tuple[int, int]:
+    """Client and body of a world with the hull of a rock's contact points over a plane."""
+    key = id(contact)  # the model is kept beside its world, so that its identity stays its own
+    if key not in _WORLDS:
+        is_full = len(_WORLDS) == _MOST_WORLDS
+        client = _WORLDS.popitem(last=False)[1][1] if is_full else pybullet.connect(pybullet.DIRECT)
+        _WORLDS[key] = contact, client, _build(client, contact)
+    _WORLDS.move_to_end(key)
+    return _WORLDS[key][1:]
 
 
-@inner
-def _before_turning(world: Any, pose: Array, velocity: Array, step_s: float) -> Vector:
-    """Angular velocity that a step without moments turns into the one given.
-
-    Bullet adds step x inertia^-1 (inertia x spin) x spin, at the start of the step, in body axes.
-    """
-    a, b, c = to_body(velocity[3], velocity[4], velocity[5], pose)
-    p, q, r = a, b, c
-    x, y, z = world.inertia_m2[0], world.inertia_m2[1], world.inertia_m2[2]
-    for _ in range(20):
-        u = a - step_s * (y - z) / x * q * r
-        v = b - step_s * (z - x) / y * r * p
-        w = c - step_s * (x - y) / z * p * q
-        change = abs(u - p) + abs(v - q) + abs(w - r)
-        p, q, r = u, v, w
-        if change < 1e-17 * (abs(p) + abs(q) + abs(r)):
-            break
-    return to_world(p, q, r, pose)
-
-
-@inner(allocates=True)
-def _contacts(client: int) -> Array:
-    """Bullet's contacts (k, 22): of its b3ContactPointData, whose leading integers take the room of three numbers."""
-    told = np.zeros(2, np.int64)
-    binding.submit(client, binding.request_contacts(client))
-    binding.get_contacts(client, told.ctypes.data)
-    count = told[0] & 0xFFFFFFFF
-    if count == 0:
-        return np.empty((0, 22))
-    return carray(binding.pointer(told[1]), (count, 22), np.float64).copy()
-
-
-_PLACE, _DISTANCE = 3, 12
-"""Columns of a contact: place on the rock, and gap."""
+def _build(client: int, contact: ContactModel) -> int:
+    """Build a world; the rock's body."""
+    pybullet.resetSimulation(physicsClientId=client)
+    pybullet.setPhysicsEngineParameter(
+        contactSlop=0.0,
+        deterministicOverlappingPairs=1,
+        contactBreakingThreshold=_NEAR,  # over the radius of its bounding sphere
+        physicsClientId=client,
+    )
+    # With the centre of mass, which never touches, the points of one plane have a hull too.
+    corners = [*contact.points_body_m.tolist(), [0.0, 0.0, 0.0]]
+    hull = pybullet.createCollisionShape(pybullet.GEOM_MESH, vertices=corners, physicsClientId=client)
+    rock = pybullet.createMultiBody(1.0, hull, physicsClientId=client)
+    plane = pybullet.createCollisionShape(
+        pybullet.GEOM_PLANE, planeNormal=[0.0, 0.0, 1.0], physicsClientId=client
+    )
+    ground = pybullet.createMultiBody(0.0, plane, physicsClientId=client)
+    for body in (rock, ground):
+        pybullet.changeDynamics(
+            body, -1, lateralFriction=0.0, restitution=0.0, collisionMargin=0.0, physicsClientId=client
+        )
+    pybullet.changeDynamics(
+        rock,
+        -1,
+        localInertiaDiagonal=contact.principal_inertia_m2.tolist(),
+        linearDamping=0.0,
+        angularDamping=0.0,
+        maxJointVelocity=1e9,
+        activationState=pybullet.ACTIVATION_STATE_DISABLE_SLEEPING,
+        physicsClientId=client,
+    )
+    return int(rock)
 
 
 def steps(problem: Problem) -> Steps:

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+import pyarrow as pa
 
 from toppling.models.contact import ContactProperties
 from toppling.models.files.documents import listed
@@ -94,18 +95,18 @@ def scaling_warnings(campaign: Campaign, ensemble: Ensemble) -> list[str]:
 
 def shaking_warnings(campaign: Campaign, ensemble: Ensemble) -> list[str]:
     """Warning of levels at which records exceed all recorded ground motions; empty if there are none."""
-    catalog = ensemble.catalog.select(["record_id", "pga_m_s2", "pgv_m_s", "pgd_m"]).to_pandas()
-    used = catalog[catalog["record_id"].isin(campaign.records or ensemble.record_ids)]
-    own = used["pga_m_s2"].to_numpy(float)[:, None]
+    catalog, chosen = ensemble.catalog, set(campaign.records or ensemble.record_ids)
+    used = catalog.filter(pa.array([name in chosen for name in ensemble.record_ids]))
+    own, pgv_m_s, pgd_m = (used[name].to_numpy()[:, None] for name in ("pga_m_s2", "pgv_m_s", "pgd_m"))
     levels = np.array(campaign.pga_m_s2 or [np.nan])
     factor = levels / own if campaign.pga_m_s2 else np.ones((len(used), 1))
-    pgv_m_s, pgd_m = (used[name].to_numpy(float)[:, None] * factor for name in ("pgv_m_s", "pgd_m"))
+    pgv_m_s, pgd_m = pgv_m_s * factor, pgd_m * factor
     pgd_m = np.minimum(pgd_m, campaign.peak_displacement_m or np.inf)
     beyond = is_beyond(np.minimum(factor, LARGEST_FACTOR), pgv_m_s, pgd_m)
     if not beyond.any():
         return []
     worst = sorted(zip(-pgv_m_s.max(axis=1), range(len(used)), strict=True))
-    names = used["record_id"].tolist()
+    names = used["record_id"].to_pylist()
     named = [
         f"{names[row]} ({words(factor[row].max(), -speed, pgd_m[row].max())})"
         for speed, row in worst

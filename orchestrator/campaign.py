@@ -78,10 +78,8 @@ def _precision(value: Any, place: Place) -> float:
     """Read the requested half width of the 95 % interval; InputError if out of range."""
     if not is_number(value) or not _FINEST <= value <= _COARSEST:
         percent = is_number(value) and _FINEST <= value / 100.0 <= _COARSEST
-        raise place.wrong(
-            "campaign.value_unusable",
-            shown(value),
-            remedy=f"did you mean {value / 100.0:g}, {value:g} %?" if percent else "5 % is 0.05",
+        raise place.unusable(
+            value, remedy=f"did you mean {value / 100.0:g}, {value:g} %?" if percent else "5 % is 0.05"
         )
     return float(value)
 
@@ -90,7 +88,7 @@ def _target(value: Any, place: Place) -> TargetSpec:
     """Read a target, a word or a table; InputError if it is neither, or inconsistent."""
     table = {"of": value} if isinstance(value, str) else value
     if not isinstance(table, dict) or not table:
-        raise place.wrong("campaign.value_unusable", shown(value))
+        raise place.unusable(value)
     read = read_keys(_TARGET_KEYS, table, place.where, place.folder, joint=".")
     if read["at"] is not None and read["measure"] is None:
         raise place.wrong(
@@ -110,16 +108,12 @@ def _target(value: Any, place: Place) -> TargetSpec:
 def _friction(given: Any, place: Place) -> tuple[tuple[float, float], ...]:
     given = [given] if is_number(given) else given
     if not isinstance(given, list) or not given:
-        raise place.wrong(
-            "campaign.value_unusable", shown(given), remedy="at least one is needed, such as [0.8]"
-        )
+        raise place.unusable(given, remedy="at least one is needed, such as [0.8]")
     pairs = []
     for entry in given:
         both = entry if isinstance(entry, list) else [entry, entry]
         if len(both) != 2 or not all(is_number(value) for value in both):
-            raise place.wrong(
-                "campaign.value_unusable", shown(entry), "a number, or [static, kinetic]", "correct the entry"
-            )
+            raise place.unusable(entry, "a number, or [static, kinetic]", "correct the entry")
         if both[1] > both[0]:
             what, sound = f"{shown(entry)}: kinetic friction above static", f"[{both[1]:g}, {both[0]:g}]"
             raise place.wrong(
@@ -140,7 +134,7 @@ def _friction(given: Any, place: Place) -> tuple[tuple[float, float], ...]:
 
 def _unmeasured(given: Any, place: Place) -> Unmeasured:
     if not isinstance(given, dict):
-        raise place.wrong("campaign.value_unusable", shown(given))
+        raise place.unusable(given)
     if ("band_hz" in given) != ("above_band" in given):
         raise place.wrong(
             "campaign.keys_incomplete",

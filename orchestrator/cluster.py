@@ -18,7 +18,7 @@ from toppling.models.errors import InputError, UsageError
 from toppling.orchestrator.admission import BACK_WITHIN_S
 from toppling.orchestrator.cluster_supervisor import CLOSED, let_resize
 from toppling.orchestrator.compiling import warn_of_no_cache
-from toppling.orchestrator.interrupt import Uninterrupted, signals_blocked
+from toppling.orchestrator.interrupt import signals_blocked, uninterrupted
 from toppling.orchestrator.local_workers import LocalWorkers
 from toppling.orchestrator.processor import KERNEL_VARIABLES
 from toppling.orchestrator.run_folder import KEY_FOLDERS
@@ -80,7 +80,7 @@ def _local_client(workers: int, most: int) -> Iterator[Client]:
     compile_apart()
     warn_of_no_cache()
     load_defaults()
-    with Uninterrupted(_local_session(most)) as client:
+    with uninterrupted(_local_session(most)) as client:
         let_resize(client.cluster, workers, most)
         yield client
 
@@ -144,7 +144,7 @@ def existing(address: str | None) -> Iterator[Client]:
         if "ssl_context" in what:  # an internal error of Dask
             what = "the address asks for TLS, and no certificates are given"
         raise _unreachable(where, what) from None
-    with Uninterrupted(client):
+    with uninterrupted(client):
         _warn_of_open_door(str(client.scheduler_info()["address"]))
         yield client
 
@@ -192,7 +192,7 @@ def queue(
     secrets: folder visible to all hosts, for the session's key.
     asked: walltime, queue, account, memory, which override the configuration.
     """
-    with Uninterrupted(_queue_session(kind, secrets, asked or {})) as (cluster, client):
+    with uninterrupted(_queue_session(kind, secrets, asked or {})) as (cluster, client):
         let_resize(cluster, jobs, most or jobs)
         try:
             client.sync(_submitted, cluster)

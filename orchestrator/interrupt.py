@@ -12,7 +12,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from types import FrameType
 from typing import Any, NoReturn, TypeVar
 
@@ -128,30 +128,19 @@ def held_back() -> Iterator[None]:
             _raise_unless_held()
 
 
-class Uninterrupted(AbstractContextManager[_Entered]):
-    """Context manager whose entry and exit, but not its body, are protected from Ctrl-C.
+@contextmanager
+def uninterrupted(inner: AbstractContextManager[_Entered]) -> Iterator[_Entered]:
+    """Enter and leave a context protected from Ctrl-C, to which the block is open.
 
     An incomplete entry would leave processes behind, and an incomplete exit threads and error messages.
     """
-
-    def __init__(self, inner: AbstractContextManager[_Entered]) -> None:
-        self._inner = inner
-
-    def __enter__(self) -> _Entered:
-        entered = False
-        try:
-            with held_back():
-                found = self._inner.__enter__()
-                entered = True
-        except KeyboardInterrupt:
-            if entered:
-                self._inner.__exit__(*sys.exc_info())
-            raise
-        return found
-
-    def __exit__(self, *raised: Any) -> bool | None:
+    with ExitStack() as protected, ExitStack() as entered:
         with held_back():
-            return self._inner.__exit__(*raised)
+            found = entered.enter_context(inner)
+        try:
+            yield found
+        finally:
+            protected.enter_context(held_back())
 
 
 @contextmanager

@@ -35,6 +35,10 @@ class Place:
             code, what, where=self.where, expected=expected or self.expected, remedy=remedy or self.remedy
         )
 
+    def unusable(self, given: Any, expected: str = "", remedy: str = "") -> InputError:
+        """Error for a value of another kind, or out of its range."""
+        return self.wrong("campaign.value_unusable", shown(given), expected, remedy)
+
 
 _Reader = Callable[[Any, Place], Any]
 
@@ -108,9 +112,7 @@ def number(fits: Callable[[Any], bool], kind: type = float) -> _Reader:
         if not right or not fits(given):
             text = str(given).strip().removesuffix(".0")
             meant = kind is int and type(given) in (str, float) and text.isascii() and text.isdigit()
-            raise place.wrong(
-                "campaign.value_unusable", shown(given), remedy=f"did you mean {text}?" if meant else ""
-            )
+            raise place.unusable(given, remedy=f"did you mean {text}?" if meant else "")
         return kind(given)
 
     return read
@@ -121,9 +123,7 @@ def word(known: Iterable[str]) -> _Reader:
 
     def read(given: Any, place: Place) -> str:
         if not isinstance(given, str) or given not in known:
-            raise place.wrong(
-                "campaign.value_unusable", shown(given), remedy=did_you_mean(given, known, place.remedy)
-            )
+            raise place.unusable(given, remedy=did_you_mean(given, known, place.remedy))
         return given
 
     return read
@@ -132,14 +132,14 @@ def word(known: Iterable[str]) -> _Reader:
 def path(given: Any, place: Place) -> Path:
     """Read a path, relative to the file."""
     if not isinstance(given, str) or not given:
-        raise place.wrong("campaign.value_unusable", shown(given), remedy="give the path as a string")
+        raise place.unusable(given, remedy="give the path as a string")
     return named_beside(place.folder, str(local(given)))
 
 
 def texts(given: Any, place: Place) -> tuple[str, ...]:
     """Read a list of distinct texts."""
     if not isinstance(given, list) or not given or not all(isinstance(text, str) and text for text in given):
-        raise place.wrong("campaign.value_unusable", shown(given))
+        raise place.unusable(given)
     return tuple(distinct(given, place))
 
 
@@ -149,7 +149,7 @@ def pair(highest: float) -> _Reader:
     def read(given: Any, place: Place) -> tuple[float, float]:
         two = isinstance(given, list) and len(given) == 2 and all(map(is_number, given))
         if not two or not 0.0 <= given[0] <= given[1] <= highest:
-            raise place.wrong("campaign.value_unusable", shown(given))
+            raise place.unusable(given)
         return float(given[0]), float(given[1])
 
     return read
@@ -169,7 +169,7 @@ def axis(fits: Callable[[float], bool], instead: str | None = None) -> _Reader:
                 "campaign.list_empty", shown(numbers), remedy="at least one value is needed to have a job"
             )
         if strange := [number for number in numbers if not is_number(number) or not fits(number)]:
-            raise place.wrong("campaign.value_unusable", shown(strange[0]))
+            raise place.unusable(strange[0])
         return tuple(float(number) for number in distinct(numbers, place))
 
     return read

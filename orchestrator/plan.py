@@ -2,6 +2,7 @@
 
 import dataclasses
 import hashlib
+import itertools
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -38,8 +39,10 @@ _COLUMNS = pa.schema(
 Rows = NDArray[np.int64]
 """Indices of rows of the table of jobs, (n,)."""
 
-_BLOCK = 50_000
-"""Number of jobs whose ids are computed together."""
+_BLOCK = 10_000
+"""Number of jobs whose ids are Python's strings at the same time."""
+
+_ID_LETTERS = 24
 
 _EQUAL_SHARE_S = 40.0
 """Duration added to a record's in the expected cost of a job, s: many shakes end before a long coda does."""
@@ -107,7 +110,9 @@ class Plan:
     def id(self) -> str:
         """Hash of all jobs."""
         stood = self.recorded.identity if self.recorded else ()  # changes the weights, but not the jobs
-        return hash_of([*self.jobs.column("job_id").to_pylist(), *stood])
+        column = self.jobs.column("job_id")
+        blocks = (column.slice(first, _BLOCK).to_pylist() for first in range(0, len(self), _BLOCK))
+        return hash_of(itertools.chain(itertools.chain.from_iterable(blocks), stood))
 
     @cached_property
     def ids(self) -> frozenset[str]:
@@ -119,7 +124,7 @@ class Plan:
         """Table of jobs as arrays (n,): indices of records and `scenes`, axes, durations of records."""
         record, scene = (self.jobs.column(name).combine_chunks() for name in ("record_id", "scene_id"))
         number = {scene.scene_id: number for number, scene in enumerate(self.scenes)}
-        scenes = np.array([number[name] for name in scene.dictionary.to_pylist()], np.int64)[scene.indices]
+        scenes = np.array([number[name] for name in scene.dictionary.to_pylist()], np.int32)[scene.indices]
         records = record.indices.to_numpy()
         known = [[scene.duration_s.get(name, np.nan) for name in self.records] for scene in self.scenes]
         axes = {name: self.jobs.column(name).to_numpy() for name in AXES}
@@ -174,17 +179,16 @@ class Plan:
 
     def with_ids(self) -> "Plan":
         """Plan with job ids computed from the specifications."""
-        blocks = []
-        for first in range(0, len(self), _BLOCK):
-            rows = np.arange(first, min(first + _BLOCK, len(self)))
-            scenes, ids = self.columns["scene_id"][rows], np.empty(len(rows), object)
-            for number in np.unique(scenes):
-                ids[scenes == number] = self._ids(rows[scenes == number])
-            blocks.append(pa.array(ids, pa.string()))
-        column = pa.chunked_array(blocks, pa.string()).combine_chunks()
+        letters = np.empty((len(self), _ID_LETTERS), np.uint8)
+        for number in range(len(self.scenes)):
+            rows = np.flatnonzero(self.columns["scene_id"] == number)
+            for block in (rows[first : first + _BLOCK] for first in range(0, len(rows), _BLOCK)):
+                letters[block] = np.frombuffer(self._ids(block), np.uint8).reshape(-1, _ID_LETTERS)
+        ends = np.arange(0, letters.size + 1, _ID_LETTERS, dtype=np.int32)
+        column = pa.StringArray.from_buffers(len(self), pa.py_buffer(ends), pa.py_buffer(letters))
         return dataclasses.replace(self, jobs=self.jobs.set_column(0, _COLUMNS.field("job_id"), column))
 
-    def _ids(self, rows: Rows) -> list[str]:
+    def _ids(self, rows: Rows) -> bytes:
         """Ids of jobs of one scene, as `JobSpec.job_id`, from a common text in which only a few values differ."""
         names = ("record_id", "record_sha", *AXES)
         content = dataclasses.asdict(self.spec(int(rows[0]))) | {name: f"<{name}>" for name in names}
@@ -198,7 +202,8 @@ class Plan:
         for name in names:
             text = text.replace(f'"<{name}>"', "%s")
         differing = zip(*(texts[name] for name in places), strict=True)
-        return [hashlib.sha256((text % values).encode()).hexdigest()[:24] for values in differing]
+        ids = (hashlib.sha256((text % values).encode()).hexdigest()[:_ID_LETTERS] for values in differing)
+        return "".join(ids).encode()
 
 
 def _numbered(values: NDArray) -> NDArray[np.int64]:
@@ -287,20 +292,14 @@ def plan(campaign: Campaign, scene: Scene, ensemble: Ensemble) -> Plan:
     azimuths = sorted(campaign.azimuth_deg) or [np.nan]
     numbers = campaign.first_realisation + realisations_spread(
         len(records), len(levels), len(azimuths), campaign.realisations
-    )
+    ).astype(np.int32)
     shape = len(campaign.friction), len(campaign.restitution), *numbers.shape
-    friction, restitution, record, level, azimuth, _ = (codes.ravel() for codes in np.indices(shape))
-    realisation = np.broadcast_to(numbers, shape).ravel()
-    # One record's points: those of one scene together, and of them the strongest shaking, the longest, first. Where a
-    # record shakes a scene once, making many scenes ready would cost more than reading many records.
-    scene_keys = azimuth, level, realisation, restitution, friction
-    order = np.lexsort(
-        (*scene_keys, record) if numbers[0].size > campaign.realisations else (record, *scene_keys)
-    )
-    codes, given = record[order].astype(np.int32), np.array(campaign.friction)[friction[order]]
+    often = numbers[0].size > campaign.realisations
+    codes, level, azimuth, friction, restitution, realisation = _ordered(shape, numbers, often=often)
+    static, kinetic = np.array(campaign.friction).T
     axes = [
-        np.array(levels)[level[order]], np.array(azimuths)[azimuth[order]], given[:, 0], given[:, 1],
-        np.array(campaign.restitution)[restitution[order]], realisation[order],
+        np.array(levels)[level], np.array(azimuths)[azimuth], static[friction], kinetic[friction],
+        np.array(campaign.restitution)[restitution], realisation,
     ]  # fmt: skip
     for column, name, stated in (
         (0, "pga_m_s2", campaign.pga_m_s2), (1, "strong_azimuth_deg", campaign.azimuth_deg),
@@ -315,6 +314,22 @@ def plan(campaign: Campaign, scene: Scene, ensemble: Ensemble) -> Plan:
     bases = 0 if scene.unseen is None else len(scene.unseen)
     scenes = (PlannedScene(campaign, scene_id, ensemble.id, sha, duration_s, bases=bases),)
     return Plan(campaign, scenes, jobs, recorded).with_ids()
+
+
+def _ordered(shape: tuple[int, ...], realisation: NDArray[np.int32], *, often: bool) -> list[NDArray]:
+    """Indices of record, level, azimuth, friction, restitution, and the realisation of each job, in the plan's order.
+
+    One record's points: those of one scene together, and of them the strongest shaking, the longest, first. Where a
+    record shakes a scene once, making many scenes ready would cost more than reading many records.
+
+    shape: numbers of frictions, restitutions, records, levels, azimuths, and jobs per point.
+    often: whether a record shakes a scene more than once.
+    """
+    friction, restitution, record, level, azimuth, _ = np.indices(shape, np.int32).reshape(len(shape), -1)
+    realisation = np.broadcast_to(realisation, shape).ravel()
+    scene_keys = azimuth, level, realisation, restitution, friction
+    order = np.lexsort((*scene_keys, record) if often else (record, *scene_keys))
+    return [values[order] for values in (record, level, azimuth, friction, restitution, realisation)]
 
 
 def _check_band(band_hz: float, ensemble: Ensemble, records: list[str], where: str) -> None:

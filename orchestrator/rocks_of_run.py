@@ -1,8 +1,7 @@
 """Entries of a run's folder on its rocks: their sites, settling, and those that do not stand."""
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,50 +14,43 @@ from toppling.models.settling import Settling
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.plan import Plan, PlannedScene
 from toppling.orchestrator.site_table import Site
-from toppling.orchestrator.task import lost_row
 from toppling.workers.seating import settled
 
 
-@dataclass(frozen=True)
-class Settlings:
-    """Settling of a nominal rock for each friction of a campaign, or the reason why it does not stand."""
-
-    with_friction: Mapping[tuple[float, float], Settling | InputError]  # by static and kinetic friction
+class Settlings(dict[tuple[float, float], Settling | InputError]):
+    """Settling of a nominal rock for each friction, static and kinetic, or the reason why it does not stand."""
 
     @classmethod
     def of(cls, campaign: Campaign, scene: Scene) -> "Settlings":
-        """Settle the rock with each friction."""
-        found: dict[tuple[float, float], Settling | InputError] = {}
+        """Settle the rock with each friction of a campaign."""
+        found = cls()
         for static, kinetic in sorted(set(campaign.friction)):
             try:
                 stands = settled(scene.with_contact(ContactProperties.of((static, kinetic))))
                 found[static, kinetic] = Settling.between(scene.rock, stands.rock, scene.pedestal.normal)
             except InputError as error:
+                what = f"with friction {static:g}: {error.what}"
                 found[static, kinetic] = InputError(
-                    error.code,
-                    f"with friction {static:g}: {error.what}",
-                    where=str(campaign.scene),
-                    expected=error.expected,
-                    remedy=error.remedy,
+                    error.code, what, where=str(campaign.scene), expected=error.expected, remedy=error.remedy
                 )
-        return cls(found)
+        return found
 
     @property
     def problems(self) -> list[InputError]:
         """Reasons why the rock does not stand."""
-        return [found for found in self.with_friction.values() if isinstance(found, InputError)]
-
-    @property
-    def largest(self) -> Settling | None:
-        """Settling with the largest tilt; None if the rock stands with no friction."""
-        stands = [found for found in self.with_friction.values() if isinstance(found, Settling)]
-        return max(stands, key=lambda settling: settling.tilt_deg, default=None)
+        return [found for found in self.values() if isinstance(found, InputError)]
 
     def checked(self) -> Settling | None:
         """Largest settling; InputError if the rock does not stand with every friction, which every job would repeat."""
         for problem in self.problems:
             raise problem
         return self.largest
+
+    @property
+    def largest(self) -> Settling | None:
+        """Settling with the largest tilt; None if the rock stands with no friction."""
+        stands = [found for found in self.values() if isinstance(found, Settling)]
+        return max(stands, key=lambda settling: settling.tilt_deg, default=None)
 
 
 def settlings_of(plan: Plan) -> list[Settlings]:
@@ -75,15 +67,17 @@ def site_in_run(scene: PlannedScene) -> Site:
 
 def rows_without_stand(plan: Plan, settlings: Sequence[Settlings]) -> Iterator[dict[str, Any]]:
     """Rows of the jobs on rocks that do not stand."""
+    from toppling.orchestrator.task import lost_row  # with Dask
+
     unstable = {
-        scene.scene_id: (scene.rock, settles.with_friction)
+        scene.scene_id: (scene.rock, settles)
         for scene, settles in zip(plan.scenes, settlings, strict=True)
         if settles.problems
     }
     for row in range(len(plan)) if unstable else ():
         spec = plan.spec(row)
-        rock, with_friction = unstable.get(spec.scene_id, (None, {}))
-        why = with_friction.get((spec.friction_static, spec.friction_kinetic))
+        rock, settlings_here = unstable.get(spec.scene_id, (None, Settlings()))
+        why = settlings_here.get((spec.friction_static, spec.friction_kinetic))
         if isinstance(why, InputError):
             yield {**lost_row(spec, "failed", str(why)), "rock": rock, "attempt": 1}
 

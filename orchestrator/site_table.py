@@ -35,36 +35,32 @@ _SHORT = {"lon": "longitude", "long": "longitude", "lat": "latitude"}
 
 def _name(given: Any, place: Place) -> str:
     if not isinstance(given, str) or not _NAME.fullmatch(given) or given.endswith((".", " ")):
-        raise place.wrong("rocks.value_unusable", documents.shown(given))
+        raise place.unusable(given)
     return given
 
 
 def _age(given: Any, place: Place) -> str:
     text = f"{given:g}" if documents.is_number(given) else given
     if not isinstance(text, str):
-        raise place.wrong("rocks.value_unusable", documents.shown(given))
+        raise place.unusable(given)
     try:
         parse_age(text, files=False)  # one would not go with the table
     except InputError as error:  # which does not know the row
-        raise place.wrong("rocks.value_unusable", documents.shown(given), error.expected) from None
+        raise place.unusable(given, error.expected) from None
     return text
 
 
 def _longitude(given: Any, place: Place) -> float:
     """Read a longitude from -180 to 360, and return degrees east from -180 to 180."""
     if not documents.is_number(given) or not -180 <= given <= 360:
-        raise place.wrong("rocks.value_unusable", documents.shown(given))
+        raise place.unusable(given)
     return float(given) - (360.0 if given > 180 else 0.0)
 
 
 def _latitude(given: Any, place: Place) -> float:
     if not documents.is_number(given) or not -90 <= given <= 90:
         swapped = documents.is_number(given) and -180 <= given <= 360
-        raise place.wrong(
-            "rocks.value_unusable",
-            documents.shown(given),
-            remedy="exchange longitude and latitude" if swapped else place.remedy,
-        )
+        raise place.unusable(given, remedy="exchange longitude and latitude" if swapped else place.remedy)
     return float(given)
 
 

@@ -8,14 +8,16 @@ import re
 import threading
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import duckdb
 import pyarrow as pa
-import pyarrow.dataset as ds
 
 from toppling.models.errors import InputError
 from toppling.results.store import newest_rows, read_steady, result_files
+
+if TYPE_CHECKING:
+    import pyarrow.dataset as ds
 
 _APART = ("engine", "preset", "scene_id", "physics_version")
 """Columns of `results` whose values must not be pooled over runs unasked."""
@@ -32,7 +34,7 @@ class _Readable(Protocol):
     def rocks(self) -> tuple[Any, ...]: ...
     @property
     def root(self) -> Path: ...
-    def dataset(self) -> ds.Dataset: ...
+    def dataset(self) -> "ds.Dataset": ...
 
 
 _MEMORY_BYTES = 2 << 30

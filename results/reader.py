@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.dataset as ds
 
 from toppling.models.described import Described
 from toppling.models.errors import InputError
@@ -21,7 +20,6 @@ from toppling.models.files.stores import at_hand
 from toppling.models.files.tables import read_table
 from toppling.models.motions.catalogue import CATALOG, meaning
 from toppling.results.completeness import Completeness, rows_stored
-from toppling.results.queries import ask, rows_where
 from toppling.results.run_integrity import SCENES, SITES_FILE, check_audits, check_files
 from toppling.results.schema import SCHEMA, describe, described_table
 from toppling.results.store import PathLike, newest_rows, read_steady, result_files
@@ -29,6 +27,7 @@ from toppling.results.weights import Weights, weighted_rows, weights_of
 
 if TYPE_CHECKING:
     import pandas as pd
+    import pyarrow.dataset as ds
 
 _RUN_COLUMN = pa.field("run", pa.string(), metadata={"description": "name of the run's folder"})
 
@@ -146,6 +145,8 @@ class Run(Described):
 
         While a run is in progress its files may be merged before they are read; `table` reads immediately.
         """
+        import pyarrow.dataset as ds  # with pandas
+
         files = result_files(self.root)
         if self.root != self.path:
             return ds.dataset(self.table())
@@ -177,6 +178,8 @@ class Run(Described):
         """
         if not where:
             return as_frame(self.table())
+        from toppling.results.queries import rows_where
+
         return as_frame(rows_where(self, where, trusted))
 
     def planned(self) -> int | None:
@@ -252,6 +255,8 @@ class Run(Described):
         InputError
             If DuckDB refuses the query.
         """
+        from toppling.results.queries import ask
+
         return ask([self], query, trusted=trusted)
 
     def motions(self) -> pa.Table | None:

@@ -1,14 +1,15 @@
 """Planning and execution of campaigns."""
 
+from __future__ import annotations
+
 import os
 from collections.abc import Collection
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
-from distributed import Client
 
 from toppling.models.files.stores import at_hand, kept_up
 from toppling.models.motions.ensemble import Ensemble
@@ -16,16 +17,17 @@ from toppling.models.scene import Scene
 from toppling.models.settling import Settling
 from toppling.orchestrator.advice import scaling_warnings, shaking_warnings, warnings_of
 from toppling.orchestrator.campaign import Campaign
-from toppling.orchestrator.cluster import local
-from toppling.orchestrator.context import ProgressCallback, RunProgress
 from toppling.orchestrator.dispatch import USUAL_LIMITS, Limits
 from toppling.orchestrator.plan import Plan, plan_of
 from toppling.orchestrator.plan import plan as expand
 from toppling.orchestrator.public import unseen
 from toppling.orchestrator.rocks_of_run import Settlings, scene_entries, settlings_of
-from toppling.orchestrator.run import run as carry_out
-from toppling.orchestrator.studies.audit import Auditing
-from toppling.results.reader import Run, open_run
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+    from toppling.orchestrator.context import ProgressCallback, RunProgress
+    from toppling.results.reader import Run
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,6 +106,8 @@ class CarriedOut:
     @property
     def run(self) -> Run:
         """The run, opened for reading."""
+        from toppling.results.reader import open_run
+
         return open_run(self.folder)
 
 
@@ -148,6 +152,10 @@ def run(
     RunError
         If the run cannot continue; stored rows are kept, and the same call resumes it.
     """
+    from toppling.orchestrator.cluster import local
+    from toppling.orchestrator.run import run as carry_out
+    from toppling.orchestrator.studies.audit import Auditing
+
     chosen = campaign if isinstance(campaign, Campaign) else Campaign.read(campaign)
     folder = at_hand(out)
     where = cluster if cluster is not None else local(workers or os.cpu_count() or 1)

@@ -12,7 +12,7 @@ import pytest
 
 BEGINNING = """
     import os, signal, sys, threading, time
-    from toppling.orchestrator.interrupt import Uninterrupted, as_program, held_back, signals_as_stop
+    from toppling.orchestrator.interrupt import uninterrupted, as_program, held_back, signals_as_stop
 
     def ctrl_c(times=6):
         for _ in range(times):
@@ -143,7 +143,7 @@ def test_a_context_begins_and_ends_whole(when, told):
             finally:
                 {"ctrl_c()" if when == "ends" else "pass"}
                 print("ends", flush=True)
-        with Uninterrupted(context()):
+        with uninterrupted(context()):
             {"ctrl_c()" if when == "works" else "pass"}
         time.sleep(60)
     """

@@ -68,7 +68,7 @@ def test_rocks_are_named_as_people_name_them_and_remarks_of_a_table_are_left_alo
     assert (site.rock, site.site) == ("O'Brien's Rock #3 (north)", "St. John's & co")
     for wrong in ("a/b", "..", "<b>", "a?b", "-a", "a."):
         (tmp_path / "rocks.csv").write_text(f"scene,rock\na,{wrong}\n")
-        with refused("rocks.value_unusable"):
+        with refused("campaign.value_unusable"):
             read_sites(tmp_path / "rocks.csv")
 
 
@@ -86,7 +86,7 @@ def test_a_table_in_toml_says_the_same_as_one_in_csv(tmp_path):
 
 REFUSED = {
     "rocks.cell_unnamed": ["scene,longitude,latitude\nrock,-117,5,34,25\n"],
-    "rocks.value_unusable": [
+    "campaign.value_unusable": [
         "scene,longitude,latitude\nrock,543.5,34\n", "scene,longitude,latitude\nrock,-117,91\n",
         "scene,longitude,latitude\nrock,11855,34\n", "scene,longitude,latitude\nrock,east,1\n",
         "scene,longitude,latitude\nrock,34.25,-117.5\n", "scene,longitude,latitude\nrock,34.25N,117.5W\n",

@@ -1,8 +1,10 @@
 """A scene: rock, pedestal, contact and gravity, with an identity that is the hash of its content."""
 
+import contextlib
 import dataclasses
 import hashlib
 import os
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -10,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from toppling.models.arrays import Array
 from toppling.models.bearings import azimuth_of
@@ -20,13 +22,13 @@ from toppling.models.errors import check_positive, refusals
 from toppling.models.files import digest
 from toppling.models.files.documents import finite, shown
 from toppling.models.files.folder import instead, local, new_folder
-from toppling.models.files.mesh_files import MeshLike, read_triangles, write_ply
+from toppling.models.files.mesh_files import MeshLike, read_triangles, remarks_of, triangles_of, write_ply
 from toppling.models.files.scene_document import BASES, SCHEMA_VERSION, digests_of_scene, read_own
 from toppling.models.frames import STANDARD_GRAVITY_M_S2, rotation_between
-from toppling.models.given_meshes import on_surface, rock_of, seated
 from toppling.models.hidden_base.draws import UnseenBase
+from toppling.models.lengths import check_remarks, metres_in, too_large
 from toppling.models.pedestal import Pedestal
-from toppling.models.rock import Rock
+from toppling.models.rock import Rock, check_size, check_triangles, nearby_origin_m
 from toppling.models.rounded.base import RollingBody, RoundedBase, refined, rounded_base_of
 from toppling.models.shapes import box
 from toppling.models.statics import quasi_static_toppling_m_s2
@@ -165,12 +167,12 @@ class Scene(Described):
             is invalid, or the rock does not stand on the surface.
         """
         plane = Pedestal.sloping(slope_deg, azimuth_of(slope_azimuth_deg))
-        rock, origin = rock_of(mesh, units)
+        rock, origin = _rock_of(mesh, units)
         rock = refined(rock) if refine else rock
         contact = ContactProperties.of(friction, restitution)
         if pedestal is None:
-            return cls(seated(rock, plane), plane, contact, _gravity(gravity), origin)
-        placed = on_surface(rock, pedestal, units, origin, _gravity(gravity), contact.friction_static)
+            return cls(_seated(rock, plane), plane, contact, _gravity(gravity), origin)
+        placed = _on_surface(rock, pedestal, units, origin, _gravity(gravity), contact.friction_static)
         return cls(*placed, contact, gravity, origin)
 
     def with_contact(self, contact: ContactProperties) -> "Scene":
@@ -394,3 +396,59 @@ class Scene(Described):
 def _gravity(gravity: float) -> float:
     check_positive("scene", "a positive number in m/s2", "9.81 on Earth", gravity=gravity)
     return float(gravity)
+
+
+def _rock_of(mesh: MeshLike, units: str | None) -> tuple[Rock, Array]:
+    """Rock from a mesh, moved to a nearby origin (3,) if it is far from its own.
+
+    units: unit of the coordinates; None for that of a trimesh object, or else metres, with a warning if the rock would
+    be larger than any precarious rock.
+    Raises InputError if the mesh is not a single closed body, or not of a rock's height.
+    """
+    vertices, faces, where, stated = _in_metres(mesh, units, "rock mesh")
+    rock = Rock.from_triangles(vertices, faces, where=where)
+    check_size(rock.height_m, where, "units")
+    warning = "" if stated else too_large(rock.height_m, rock.volume_m3, "units")
+    if warning:
+        warnings.warn(f"{where}: {warning}. If they are in metres, give units='m'.", stacklevel=3)
+    origin = nearby_origin_m(rock.vertices_m)
+    return (rock.moved(np.eye(3), -origin) if origin.any() else rock), origin
+
+
+def _seated(rock: Rock, plane: Pedestal) -> Rock:
+    """Rock rotated from the level to a plane's slope, and shifted until its lowest point touches."""
+    turned = rock.moved(rotation_between((0.0, 0.0, 1.0), plane.normal))
+    lowest = float((turned.vertices_m @ plane.normal).min())
+    return turned.moved(np.eye(3), -lowest * plane.normal)
+
+
+def _on_surface(
+    rock: Rock, pedestal: MeshLike, units: str | None, origin_m: Array, gravity_m_s2: float, friction: float
+) -> tuple[Rock, Pedestal]:
+    """Seat a rock, already moved to a local origin, on a surface given in the original frame."""
+    from toppling.models.ground.interface import surface_below
+
+    vertices, faces, where, _ = _in_metres(pedestal, units, "pedestal mesh")
+    check_triangles(vertices, faces, where)
+    at_origin = np.asarray(vertices, float) - origin_m
+    return surface_below(rock, at_origin, np.asarray(faces, np.int64), gravity_m_s2, friction, where)
+
+
+def _in_metres(mesh: MeshLike, units: str | None, what: str) -> tuple[ArrayLike, ArrayLike, str, str | None]:
+    """Vertices in metres, triangles, name for error messages, and stated unit of a mesh."""
+    vertices, faces, where = triangles_of(mesh, what)
+    stated = units or _stated_unit(mesh)
+    if stated:
+        factor = metres_in(stated)
+        with contextlib.suppress(TypeError, ValueError):  # invalid arrays are refused later
+            vertices = factor * np.asarray(vertices, float)
+    return vertices, faces, where, stated
+
+
+def _stated_unit(mesh: MeshLike) -> str | None:
+    """Unit of an object, such as trimesh's for some formats; None for files, which are taken in metres."""
+    if isinstance(mesh, str | os.PathLike):
+        check_remarks(remarks_of(Path(mesh)), str(mesh))
+        return None
+    stated = getattr(mesh, "units", None)
+    return stated if isinstance(stated, str) else None

@@ -39,7 +39,7 @@ _UNSETTLED_S = 2.0
 _PathLike = str | os.PathLike[str]
 
 _verified: dict[str, tuple[tuple[int, ...], bool]] = {}
-"""Of each path what it looked like when it was verified, and whether it had a digest."""
+"""State of each verified file, by path, and whether it had a digest."""
 
 
 _no_file = refusals(
@@ -206,7 +206,7 @@ def _digest(file: IO[bytes], place: int) -> bytes:
 
 
 def _digest_of_lines(file: IO[bytes], path: Path) -> bytes:
-    """The same of a text whose lines ended as the program ends them; empty for any other file."""
+    """Digest of a text with the line ends that the program writes; empty for any other file."""
     if path.suffix not in _TEXTS or os.fstat(file.fileno()).st_size > _MOST_TEXT_BYTES:
         return b""
     file.seek(0)

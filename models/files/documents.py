@@ -19,18 +19,16 @@ _LARGEST_JSON_BYTES = 100_000_000
 _CORRECT = "correct the file, or have it made anew"
 _LARGEST_TOML_BYTES, _TOML = 2_000_000, "TOML: key = value, a line each"
 MOST_VALUES = 10_000_000
-"""Of a JSON or XML file, by its commas and brackets: each takes some 60 bytes in memory, 250 in XML."""
+"""Maximum number of values of a JSON or XML file, by its commas and brackets; one takes 60 bytes, 250 in XML."""
 _DEEPEST = 100
-"""Of objects and lists in each other: a program that walks them calls itself as often."""
+"""Maximum depth of nested objects and lists, which recursive functions walk."""
 _LONGEST_NUMBER = 300
 """Digits of a whole number: a double holds no more."""
 _LONGEST_KEY = 50
 """Parts of a dotted key: the time that tomllib takes grows with their square."""
-_KEY_PARTS = re.compile(
-    r'"""(?:\\.|[^\\])*?"""|' r"'''.*?'''|" r'"(?:\\.|[^"\\\n])*"|' r"'[^'\n]*'|#[^\n]*|\.|[\w\t -]+|[^.]",
-    re.DOTALL,
+_LONG_KEY = re.compile(
+    rf"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{_LONGEST_KEY}}}""", re.ASCII
 )
-"""Texts, remarks, dots, words, and what stands between them."""
 _SHORT = reprlib.Repr()
 _SHORT.maxstring = _SHORT.maxother = 60
 _SHORT.maxlong = 40
@@ -55,7 +53,7 @@ def listed(names: Sequence[str], most: int) -> str:
 
 
 _FOLDERS = re.compile(r"""(?<![^\s"'(=])(?:/[^/\s"']+)+/(?=[^/\s"']+/[^/\s"']+)""")
-"""Of an absolute path, all folders before the last."""
+"""Folders of an absolute path before the last one."""
 
 
 def without_machine(document: dict[str, Any]) -> dict[str, Any]:
@@ -131,13 +129,14 @@ def read_toml(path: Path, refuse: Refuse = _no_toml) -> dict[str, Any]:
     Raises AbsentError, a FileNotFoundError too, if there is none.
     """
     text = _text(path, refuse, _LARGEST_TOML_BYTES)
-    if _longest_key(text) > _LONGEST_KEY:
+    if _LONG_KEY.search(text):
         raise refuse("document.too_deep", f"has a key of more than {_LONGEST_KEY} parts", path)
     try:
         content = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
-        raise _unreadable(
-            "document.unreadable", path, f"is not TOML ({_brief(error)})", _TOML, _toml_remedy(str(error))
+        what, remedy = f"is not TOML ({_brief(error)})", _toml_remedy(str(error))
+        raise InputError(
+            "document.unreadable", what, where=str(path), expected=_TOML, remedy=remedy
         ) from None
     if _is_deep(content):
         raise refuse("document.too_deep", f"is nested too deep: more than {_DEEPEST} levels", path)
@@ -204,8 +203,9 @@ def check_shape(value: Any, shape: Any, where: object, place: str = "") -> None:
 
 
 def _mistyped(value: Any, expected: str, where: object, place: str, *, missing: bool = False) -> InputError:
-    return _unreadable("document.value_missing" if missing else "document.value_mistyped", where,
-        f"{place} is {'missing' if missing else shown(value)}", expected)  # fmt: skip
+    code = "document.value_missing" if missing else "document.value_mistyped"
+    what = f"{place} is {'missing' if missing else shown(value)}"
+    return InputError(code, what, where=str(where), expected=expected, remedy=_CORRECT)
 
 
 def is_number(value: Any) -> bool:
@@ -279,19 +279,6 @@ def _inside(value: Any) -> Iterable[Any]:
     return value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
 
 
-def _longest_key(text: str) -> int:
-    """Parts of the longest chain of words with dots between: a dotted key, or what looks like one."""
-    longest = parts = 1
-    for token in _KEY_PARTS.finditer(text):
-        first = token[0][0]
-        if first == ".":
-            parts += 1
-            longest = max(longest, parts)
-        elif first not in "\"' \t-_" and not first.isalnum():
-            parts = 1
-    return longest
-
-
 def _brief(error: Exception) -> str:
     return "nested too deep" if isinstance(error, RecursionError) else str(error)[:300]
 
@@ -300,12 +287,8 @@ def _no_number(text: str, found: str) -> NoReturn:
     raise json.JSONDecodeError(f"{shown(found)} is no number that a double holds", text, text.find(found))
 
 
-def _unreadable(code: str, where: object, what: str, expected: str, remedy: str = _CORRECT) -> InputError:
-    return InputError(code, what, where=str(where), expected=expected, remedy=remedy)
-
-
 def finite(value: Any) -> Any:
-    """The same content as JSON can say it: null for what is not finite, Python's numbers for NumPy's."""
+    """Content in the types of JSON: null for what is not finite, Python's numbers for NumPy's."""
     if isinstance(value, Mapping):
         return {key: finite(each) for key, each in value.items()}
     if isinstance(value, list | tuple):

@@ -15,7 +15,7 @@ Refuse = Callable[[str, str, object], InputError]
 """Makes an error of what is wrong and where."""
 
 LONGEST_LINE_BYTES = 1 << 20
-"""Of a text, in any format."""
+"""Maximum length of a line of text, in any format."""
 _OPEN_AT_ONCE = os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC
 """A pipe would wait for its writer, and a terminal would become the program's."""
 _LINE_END = re.compile(rb"[\n\r]")

@@ -48,7 +48,7 @@ _damaged = refusals(
 
 _COMMENT_BYTES = 65_536
 _LARGEST_BYTES = 800_000_000
-"""Of a mesh that a library reads: sixteen million triangles of an STL."""
+"""Size limit of a mesh that a library reads: sixteen million triangles of an STL."""
 _STL_HEADER_BYTES, _STL_TRIANGLE_BYTES = 80, 50
 
 MESH_FORMATS = (".ply", ".stl", ".obj", ".off", ".glb", ".gltf")

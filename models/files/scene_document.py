@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from toppling.models.errors import InputError, refusals
+from toppling.models.errors import refusals
 from toppling.models.files import digest
 from toppling.models.files.digest import read_json
 from toppling.models.files.documents import (
@@ -85,6 +85,10 @@ _SHAPE: dict[str, Any] = {
 }  # fmt: skip
 
 
+_unread = refusals(
+    expected=f"a scene of schema version {SCHEMA_VERSION}, as it was written",
+    remedy="make the scene anew with 'toppling scan' or Scene.save",
+)
 _foreign = refusals(
     expected="the files of one scene, as they were written into its folder",
     remedy="put the scene's own file back from where the folder was copied, or make the scene anew",
@@ -107,26 +111,15 @@ def read_scene_document(path: Path) -> dict[str, Any]:
     document = read_json(path)
     if document.get("schema_version") != SCHEMA_VERSION:
         what = f"schema version {shown(document.get('schema_version'))}"
-        raise _unread("document.schema_version", what, path, f"a scene of schema version {SCHEMA_VERSION}")
+        raise _unread("document.schema_version", what, path)
     check_shape(document, _SHAPE, path)
     normal, rows = document["interface"]["normal"], len(document["quasi_static_toppling_m_s2"])
     if not (abs(math.hypot(*normal) - 1.0) < 1e-6 and normal[2] > 0):
-        raise _unread(
-            "scene.normal_unusable", f"interface.normal is {normal}", path, "a unit vector that points up"
-        )
+        raise _unread("scene.normal_unusable", f"interface.normal is {normal}, no unit vector upward", path)
     if rows > _MOST_AZIMUTHS:
-        raise _unread(
-            "scene.too_many_azimuths",
-            f"quasi_static_toppling_m_s2 has {rows} rows",
-            path,
-            f"at most {_MOST_AZIMUTHS} azimuths",
-        )
+        what = f"quasi_static_toppling_m_s2 has {rows} rows, more than {_MOST_AZIMUTHS}"
+        raise _unread("scene.too_many_azimuths", what, path)
     return document
-
-
-def _unread(code: str, what: str, path: Path, expected: str) -> InputError:
-    remedy = "make the scene anew with 'toppling scan' or Scene.save"
-    return InputError(code, what, where=str(path), expected=expected, remedy=remedy)
 
 
 def read_own(folder: Path, names: Iterable[str] = GEOMETRY, *, stated: bool = False) -> dict[str, Any]:

@@ -46,7 +46,7 @@ _IN_MEMORY_BYTES = 2**26
 """Files up to this size are read before they are put, so that one that grows meanwhile does not grow in flight."""
 
 _MOST_IN_ONE_PUT_BYTES = 5 * 10**9
-"""Of S3 (Amazon S3 API reference, PutObject): larger ones go in parts, without a condition."""
+"""Limit of S3 (Amazon S3 API reference, PutObject): larger objects go in parts, without a condition."""
 
 _TRIES = 3
 """Times that an object is put which the store then does not hold whole."""

@@ -28,10 +28,11 @@ _NUMBER = re.compile(
 """A number of any country, perhaps with its unit."""
 _COMMA_AND_BLANK = re.compile(r",\s+")
 _THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(?:,\d{3})+(?:\.\d*)?")
-_DECIMAL = re.compile(r"[-+]?(?:\d*|[1-9]\d{0,2}(?:\.\d{3})+),\d+(?:e[-+]?\d+)?", re.IGNORECASE)
+_DECIMAL = re.compile(r"[-+]?(?:\d*|[1-9]\d{0,2}(?:\.\d{3})+),\d+(?:[ed][-+]?\d+)?", re.IGNORECASE)
 _DOTTED = re.compile(r"[-+]?[1-9]\d{0,2}(?:\.\d{3})+(?:,\d*)?")
 
 
+_NOWHERE = Path()
 _Place = tuple[int, list[str], list[float]]
 """Number of a line, its cells, and its numbers."""
 
@@ -43,13 +44,13 @@ class Table(TextFile):
     rows: Sequence[tuple[int, list[str]]] = ()
     """With the place of its line each, from 0."""
     sign: str | None = None
-    """Between the cells: semicolon, tab or comma, the first that a line has; None for blanks, or of one column.
+    """Separator of the cells: semicolon, tab or comma, the first that a line has; None for blanks, or one column.
 
     A comma with a blank where other commas are decimal."""
     decimal: str = "."
-    """In the numbers of the file."""
+    """Decimal sign of the numbers in the file."""
     thousands: str | None = None
-    """Between thousands there."""
+    """Separator of thousands in the file."""
 
     @classmethod
     def read(
@@ -67,7 +68,7 @@ class Table(TextFile):
         return cls.of(text.splitlines(), path, **how)
 
     @classmethod
-    def of(cls, lines: Sequence[str], path: Path, *, coordinates: bool = False) -> Self:
+    def of(cls, lines: Sequence[str], path: Path = _NOWHERE, *, coordinates: bool = False) -> Self:
         """Table of lines; blank rows and remarks are left out.
 
         coordinates: whether its numbers are these, in which nobody parts thousands of whole ones.
@@ -97,17 +98,19 @@ class Table(TextFile):
             ) from None
         decimal, thousands = _signs_in_numbers(rows, sign, coordinates)
         if (decimal, thousands) != (".", None):
-            rows = [(n, [_plain(cell, decimal, thousands or "") for cell in row]) for n, row in rows]
+            rows = [(n, [_plain(cell, decimal, thousands) for cell in row]) for n, row in rows]
         return cls(path, lines, rows=rows, sign=sign, decimal=decimal, thousands=thousands)
 
     def cells(self, line: str) -> list[str]:
         """Cells of another line of the table."""
-        row = line.split() if self.sign is None else next(_reader([line], self.sign), [])
-        return [_plain(cell.strip(), self.decimal, self.thousands or "") for cell in row]
+        row = line.split(self.sign)
+        if self.sign and ('"' in line or self.sign == ", "):
+            row = next(_reader([line], self.sign), [])
+        return [_plain(cell.strip(), self.decimal, self.thousands) for cell in row]
 
     @property
     def names(self) -> list[str]:
-        """Of the columns."""
+        """Names of the columns."""
         return self.rows[0][1] if self.rows else []
 
 
@@ -180,5 +183,7 @@ def _signs_in_numbers(
     return (",", ".") if decimal and (not thousands or coordinates) else (".", None)
 
 
-def _plain(cell: str, decimal: str, thousands: str) -> str:
-    return cell.replace(thousands, "").replace(decimal, ".") if is_number(cell) else cell
+def _plain(cell: str, decimal: str, thousands: str | None) -> str:
+    if (decimal == "." and thousands is None) or not is_number(cell):
+        return cell
+    return cell.replace(thousands or "", "").replace(decimal, ".")

@@ -14,7 +14,7 @@ _ORDER = 3
 _ENVELOPE_S = 0.5
 """Window over which the octave below the corner is averaged for the envelope of the octave above."""
 _HIGHEST_CORNER = 0.5
-"""Of the sampling frequency: the octave below is then still resolved."""
+"""Largest corner, as a fraction of the sampling frequency: the octave below is then still resolved."""
 _SAMPLES_A_PERIOD = 4
 """At least, at the highest frequency that is added."""
 

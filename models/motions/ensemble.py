@@ -1,6 +1,5 @@
 """Ensemble of records: a folder with `catalog.parquet` and `motions.parquet`, one row (group) a record."""
 
-import os
 import threading
 from collections.abc import Iterable, Mapping
 from functools import cached_property, lru_cache
@@ -14,7 +13,7 @@ import pyarrow.parquet as pq
 from toppling.models.bearings import azimuth_of
 from toppling.models.errors import InputError, refusals
 from toppling.models.files import digest
-from toppling.models.files.folder import instead, local
+from toppling.models.files.folder import instead, local, new_file
 from toppling.models.files.tables import check_bounds, read_table, table_writer, write_table
 from toppling.models.motions.catalogue import CATALOG, MOTIONS, ensemble_id, meaning
 from toppling.models.motions.impose import impose
@@ -25,7 +24,7 @@ from toppling.models.motions.record import Record, motion_sha
 
 SCHEMA_VERSION = "2"
 _RECORDS_IN_MEMORY = 64
-"""As many as share a block of jobs (`orchestrator.order`); a record is seldom larger than half a megabyte."""
+"""Number of records in a block of jobs (`orchestrator.order`); few records are larger than half a megabyte."""
 _PGA_TOLERANCE = 1e-9
 """Share by which two machines' roots may differ in the catalogue's PGA, by which every motion is scaled."""
 
@@ -53,7 +52,7 @@ _IDENTITY = [
     ("weight", pa.float64()),
 ]
 _PLACE = [("sensor_depth_m", pa.float64()), ("structure", pa.string())]
-"""Of the sensor; catalogues written before lack both, and are of the free field."""
+"""Columns of the sensor's place; earlier catalogues lack both, and are of the free field."""
 _ORIGIN = [("history", pa.list_(pa.string())), ("files", pa.list_(pa.string())), ("sha", pa.string())]
 _MAY_BE_UNKNOWN = ("magnitude", "distance_km")
 _OF_RECORD = (
@@ -149,21 +148,12 @@ class Ensemble:
             "toppling_ensemble": ensemble_id((r.record_id, r.sha) for r in ordered),
             "version": SCHEMA_VERSION,
         }
-        path.mkdir(parents=True, exist_ok=True)
-        part = {name: path / f".{name}.part-{os.getpid()}" for name in (CATALOG, MOTIONS)}
-        try:
-            schema = _MOTION_SCHEMA.with_metadata(mark)
-            with table_writer(part[MOTIONS], schema, use_dictionary=False) as writer:
+        schema = _MOTION_SCHEMA.with_metadata(mark)
+        with new_file(path / CATALOG) as catalog, new_file(path / MOTIONS) as motions:
+            with table_writer(motions, schema, use_dictionary=False) as writer:
                 for record in ordered:
                     writer.write_table(_motion_row(record))
-            write_table(_catalog(ordered).replace_schema_metadata(mark), part[CATALOG])
-            for name in (MOTIONS, CATALOG):
-                with part[name].open("rb") as file:
-                    os.fsync(file.fileno())
-                part[name].rename(path / name)
-        finally:
-            for file_path in part.values():
-                file_path.unlink(missing_ok=True)
+            write_table(_catalog(ordered).replace_schema_metadata(mark), catalog)
         return cls.load(path)
 
     def motion(

@@ -9,20 +9,23 @@ from dataclasses import dataclass, field, replace
 from itertools import chain, takewhile
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import correlate
+
 from toppling.models.errors import InputError
 from toppling.models.files.given import open_given
-from toppling.models.motions.duplicates import Candidate, Shaking, duplicates
+from toppling.models.frames import apart_deg
 from toppling.models.motions.formats import read_file
 from toppling.models.motions.formats.component import Component, no_record, refuse_file
 from toppling.models.motions.formats.response import is_station_xml, responses
-from toppling.models.motions.metadata import Entry, looks_like_table
+from toppling.models.motions.metadata import Entry, channels_of_row, looks_like_table, rows_given
 from toppling.models.motions.motion import Motion
 from toppling.models.motions.place import BOREHOLE, Place
 from toppling.models.motions.processing import DRIFTS, drifts, process, resample
-from toppling.models.motions.quality import beyond_nature, check_apart, check_samples
+from toppling.models.motions.quality import check_apart, check_samples, warnings_of
 from toppling.models.motions.record import Record
-from toppling.models.motions.stations import Triple, grouped, oblique, oriented, triple
-from toppling.models.motions.table_rows import channels_of_row, rows_given
+from toppling.models.motions.stations import SAME_SHAKING_S, Triple, grouped, oriented, triple
 
 _log = logging.getLogger(__name__)
 
@@ -47,6 +50,51 @@ class ImportOptions:
     place: str = "free-field"  # or any: records of boreholes and structures too
     time_step_s: float | None = None  # time step that every record is resampled to; None leaves each its own
     folders_apart: bool = False  # folders are places: the same shaking in two of them is two records
+
+
+_LIKE_PEAKS = 0.1
+"""Records whose PGA and PGV differ by more than this share are not compared sample by sample."""
+_LIKE_SHAPE = 0.97
+"""Correlation of the horizontal vectors' lengths from which two records are one."""
+_COMPARED_STEP_S = 0.02
+
+
+@dataclass(frozen=True)
+class Shaking:
+    """What names the shaking of a record, empty or None where nobody says."""
+
+    table_event: str  # event by the metadata table
+    # By the header.
+    event: str
+    station: str
+    series: str
+    start_s: float | None  # time of the first sample, seconds since 1970
+
+    def is_that_of(self, other: "Shaking") -> bool:
+        """Whether the names alone show that the two are one.
+
+        One name is often that of a foreshock too: where table and header both name the events, both must agree, and
+        records that know when they begin begin together.
+        """
+        at_one_place = bool(self.station) and (self.station, self.series) == (other.station, other.series)
+        events = [(self.table_event, other.table_event), (self.event, other.event)]
+        known = [pair for pair in events if all(pair)]
+        together = (
+            self.start_s is None
+            or other.start_s is None
+            or abs(self.start_s - other.start_s) <= SAME_SHAKING_S
+        )
+        return at_one_place and together and bool(known) and all(a == b for a, b in known)
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A record on its way into an ensemble."""
+
+    record: Record
+    shaking: Shaking
+    corrected: bool
+    warnings: tuple[str, ...] = ()  # what the user should know of it
 
 
 def _prepared(name: str, channels: Triple, options: ImportOptions, entry: Entry | None) -> Candidate:
@@ -97,8 +145,10 @@ def _prepared(name: str, channels: Triple, options: ImportOptions, entry: Entry 
     shaking = Shaking(event.lower(), first.event.lower(), first.station.lower(), first.series, first.start_s)
     unit = first.stated_unit_m_s2 or (entry.unit_m_s2 if entry else None)
     baseline = quality not in {"uncorrected", "drifting"}
-    beyond = beyond_nature(record.intensity["pga_m_s2"], record.intensity["pgv_m_s"], unit, baseline)
-    return Candidate(record, shaking, bool(corrected), (*warnings, *oblique(azimuths), *beyond))
+    measures = {**record.intensity}
+    if azimuths is not None:
+        measures["between_horizontals_deg"] = float(apart_deg(*azimuths))
+    return Candidate(record, shaking, bool(corrected), (*warnings, *warnings_of(measures, unit, baseline)))
 
 
 def _refuse_incomplete(channels: Triple, options: ImportOptions) -> None:
@@ -328,7 +378,7 @@ def _without_duplicates(found: list[Candidate], outcome: Import, folders_apart: 
     places: dict[Path | None, list[Candidate]] = {}
     for one in found:
         places.setdefault(Path(one.record.files[0]).parent if folders_apart else None, []).append(one)
-    for kept, duplicate in chain.from_iterable(map(duplicates, places.values())):
+    for kept, duplicate in chain.from_iterable(map(_duplicates, places.values())):
         left_out.add(id(duplicate))
         error = InputError(
             "record.given_twice",
@@ -348,3 +398,40 @@ def _with_unique_ids(records: list[Record]) -> list[Record]:
         number = count[record.record_id] = count.get(record.record_id, 0) + 1
         unique.append(record if number == 1 else replace(record, record_id=f"{record.record_id}-{number}"))
     return unique
+
+
+def _duplicates(candidates: Sequence[Candidate]) -> Iterator[tuple[Candidate, Candidate]]:
+    """Pairs (kept, left out): of two records that are one, the corrected is kept, else the first."""
+    out: set[int] = set()
+    ordered = sorted(range(len(candidates)), key=lambda i: (not candidates[i].corrected, i))
+    for place, i in enumerate(ordered):
+        if i in out:
+            continue
+        for j in ordered[place + 1 :]:
+            if j not in out and _are_one(candidates[i], candidates[j]):
+                out.add(j)
+                yield candidates[i], candidates[j]
+
+
+def _are_one(a: Candidate, b: Candidate) -> bool:
+    if a.shaking.is_that_of(b.shaking):
+        return True
+    for name in ("pga_m_s2", "pgv_m_s"):
+        if abs(np.log(b.record.intensity[name] / a.record.intensity[name])) > _LIKE_PEAKS:
+            return False
+    return _likeness(_length(a.record), _length(b.record)) > _LIKE_SHAPE
+
+
+def _length(record: Record) -> NDArray[np.float64]:
+    """Length of the horizontal vector on a common step: the same whichever way the instrument was set up.
+
+    Means over the step are as good as a resampling to tell records apart, at any ratio of the steps.
+    """
+    time = np.arange(np.ceil(record.motion.duration_s / _COMPARED_STEP_S) + 1) * _COMPARED_STEP_S
+    horizontal = record.motion.mean_between(time)[:, :2]
+    return np.hypot(horizontal[:, 0], horizontal[:, 1])
+
+
+def _likeness(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+    """Largest correlation over all shifts in time, 1 for the same shape."""
+    return float(correlate(a, b, method="fft").max() / np.sqrt((a @ a) * (b @ b)))

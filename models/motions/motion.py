@@ -11,7 +11,7 @@ from toppling.models.errors import InputError
 _SHORTEST_STEP_S = 1e-9
 _LONGEST_S = 1e6
 _LARGEST_M_S2 = 1e6
-"""Beyond these no ground moves; squares and integrals of what is within them stay far from overflow."""
+"""Limits of any ground motion; squares and integrals of what is within them stay far from overflow."""
 
 
 @dataclass(frozen=True, eq=False, init=False)

@@ -13,7 +13,7 @@ _LEAST_DEPTH_M = 3.0
 
 @dataclass(frozen=True)
 class Place:
-    """Of a sensor, as its file states it; in the free field where the file states nothing else."""
+    """Place of a sensor as stated in its file; in the free field where the file states nothing else."""
 
     depth_m: float = 0.0  # below the ground's surface; 0 too where the file does not state it
     structure: str = ""  # where it stands, if not in the free field: on floor 12 of a building, in a borehole
@@ -42,7 +42,7 @@ def at_depth(depth_m: float) -> Place:
 
 
 _LONGEST = 200
-"""Of names, and lines of headers."""
+"""Maximum number of characters of names and header lines that are searched."""
 _OF_SENSOR = re.compile(
     r"\b(?:(?:sensor|instrument|transducer|channel)[ _]location|(?=(?:sensor|instrument|borehole)[ _]depth))\W*(.+)",
     re.IGNORECASE,

@@ -1,40 +1,71 @@
-"""Doubts about samples: beyond what shaking is, clipped, a spike, a filled gap; and scaled beyond what was recorded."""
+"""Warnings of records, as limits of their measures, and refusals of samples that cannot be the ground's."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from toppling.models.motions.formats.component import Component
+from toppling.models.motions.measures import STANDARD_G_M_S2
 
-_QUESTIONABLE_M_S2 = 5 * 9.80665
-_TOLD_PGA_M_S2, TOLD_PGV_M_S = 3 * 9.80665, 3.0
-"""Beyond these few records have been; a unit that was mistaken is likelier."""
-_USUAL_PGA_M_S2, _USUAL_PGV_M_S = 1.5 * 9.80665, 1.5
-_COMMON_UNITS_M_S2 = {"g": 9.80665, "m/s2": 1.0, "cm/s2": 0.01, "mm/s2": 0.001}
-_USUAL_PULSE_S = (0.01, 0.4)
-"""PGV/PGA of nearly all records. Velocity, displacement, or a time step in error by a factor of ten, lie beyond it."""
-_OTHER_PEAK = 1.5
-"""Factor between a header's peak and that of the samples, beyond which unit, scale or samples are others."""
-_CLIPPED_SAMPLES, _CLIPPED_RUN = 10, 4
-"""So many samples at the extreme, so many of them in a row, are a clipped instrument."""
-_RAIL_SHARE, _RAIL_RUNS = 0.95, 3
-"""A rail lies this near to the record's farthest sample; nearer to the middle, where an offset was taken off, only what
-is reached so often is one."""
-_SPIKE_RATIO = 8.0
-"""A lone sample this many times farther from its neighbours than the next farthest is a spike."""
-LARGEST_PGD_M = 4.0
-"""The largest of shaking without the fling of a fault are some metres (Chi-Chi 1999, TCU068 and TCU052)."""
-LARGEST_FACTOR = 100.0
-"""On a record's acceleration: beyond it noise is scaled, and a weak earthquake's spectrum."""
+
+@dataclass(frozen=True)
+class Warned:
+    """A warning: the measure, its limits, and the sentence where the measure is outside them or unknown."""
+
+    measure: str
+    least: float
+    most: float
+    sentence: str = ""
+
+    def applies(self, value: float) -> bool:
+        """Whether a value of the measure is outside the limits."""
+        return not self.least <= value <= self.most
+
+    def said(self, value: float) -> str:
+        """The sentence on a value."""
+        return self.sentence.format(value=value, least=self.least, most=self.most)
+
+
+WARNINGS = {
+    "angle": Warned(
+        "between_horizontals_deg", 80.0, 100.0,
+        "the horizontals are {value:g} degrees apart, not 90: see that their azimuths are right",
+    ),
+    "pga": Warned("pga_m_s2", 0.0, 3.0 * STANDARD_G_M_S2, "PGA is {value:.3g} m/s2, more than 3 g"),
+    "pgv": Warned("pgv_m_s", 0.0, 3.0, "PGV is {value:.3g} m/s, more than {most:g} m/s"),
+    "pulse": Warned(
+        "pgv_pga_s", 0.01, 0.4, "PGV/PGA is {value:.2g} s, outside the {least:g} to {most:g} s of nearly all records:"
+        " see that its samples are acceleration, and that its time step is right",
+    ),
+    "pgd": Warned("pgd_m", 0.0, 4.0),
+    "factor": Warned("factor", 0.0, 100.0),
+}  # fmt: skip
+"""By code. Few records exceed 3 g or 3 m/s: a mistaken unit is likelier. PGV/PGA is outside its limits for velocity,
+displacement, or a time step in error by ten. The last two are of scaled motions: the largest displacements without the
+fling of a fault are some metres (Chi-Chi 1999, TCU068 and TCU052), and a larger factor scales noise, and the spectrum
+of a weak earthquake."""
+TOLD_PGV_M_S, LARGEST_PGD_M, LARGEST_FACTOR = (WARNINGS[name].most for name in ("pgv", "pgd", "factor"))
 LIMITS_WORDS = (
     f"PGV above {TOLD_PGV_M_S:g} m/s, PGD above {LARGEST_PGD_M:g} m, or scaled above {LARGEST_FACTOR:g}-fold"
 )
-_FILLED_GAP_S = 0.5
-_FILLED_GAP_SHARE = 0.1
-"""A constant stretch this long, with this share of the peak shortly before and after, is a filled gap."""
+_QUESTIONABLE_M_S2 = 5 * STANDARD_G_M_S2
+_USUAL_PGA_M_S2, _USUAL_PGV_M_S = 1.5 * STANDARD_G_M_S2, 1.5
+_COMMON_UNITS_M_S2 = {"g": STANDARD_G_M_S2, "m/s2": 1.0, "cm/s2": 0.01, "mm/s2": 0.001}
+_OTHER_PEAK = 1.5
+"""Factor between a header's peak and that of the samples, beyond which unit, scale or samples are others."""
+_CLIPPED_SAMPLES, _CLIPPED_RUN = 10, 4
+"""Numbers of samples at the extreme, and of them in a row, from which an instrument was clipped."""
+_RAIL_SHARE, _RAIL_RUNS = 0.95, 3
+"""Least distance of a rail as a fraction of the record's farthest sample; nearer to the middle, where an offset was
+removed, only what is reached so often is one."""
+_SPIKE_RATIO = 8.0
+"""Ratio of a sample's distance from its neighbours to the next largest one from which it is a spike."""
+_FILLED_GAP_S, _FILLED_GAP_SHARE = 0.5, 0.1
+"""Length of a constant stretch, with this fraction of the peak shortly before and after, that is a filled gap."""
 
 
 def check_samples(component: Component) -> None:
@@ -72,36 +103,29 @@ def check_apart(channels: Sequence[Component]) -> None:
                 "give each component's own file, or accept it with --doubtful")  # fmt: skip
 
 
-def beyond_nature(
-    pga_m_s2: float, pgv_m_s: float, unit_m_s2: float | None = None, baseline: bool = True
+def warnings_of(
+    measures: Mapping[str, float], unit_m_s2: float | None = None, baseline: bool = True
 ) -> tuple[str, ...]:
-    """What is to be told of a record stronger than nearly all that there are, with the unit that would explain it.
+    """Warnings of a record by its measures, with the unit that would explain an extreme peak.
 
-    pga_m_s2, pgv_m_s: as recorded.
     unit_m_s2: unit that the samples were read in, where a person or a header named it.
     baseline: whether the agency or the program has corrected the baseline.
     """
-    limits = (
-        ("PGA", pga_m_s2, _TOLD_PGA_M_S2, "m/s2, more than 3 g"),
-        ("PGV", pgv_m_s, TOLD_PGV_M_S, "m/s, more than 3 m/s"),
-    )
-    beyond = [f"{name} is {value:.3g} {of}" for name, value, limit, of in limits if value > limit]
-    if not beyond:
-        return _unusual_pulse(pga_m_s2, pgv_m_s)
-    if not baseline and pga_m_s2 <= _TOLD_PGA_M_S2:
-        return (f"{beyond[0]}: its baseline is not corrected",)
-    return (", ".join(beyond) + _explained(pga_m_s2, pgv_m_s, unit_m_s2),)
-
-
-def _unusual_pulse(pga_m_s2: float, pgv_m_s: float) -> tuple[str, ...]:
-    pulse_s = pgv_m_s / pga_m_s2 if pga_m_s2 > 0 else math.nan
-    if math.isnan(pulse_s) or _USUAL_PULSE_S[0] <= pulse_s <= _USUAL_PULSE_S[1]:
-        return ()
-    least_s, most_s = _USUAL_PULSE_S
-    return (
-        f"PGV/PGA is {pulse_s:.2g} s, outside the {least_s:g} to {most_s:g} s of nearly all records: see"
-        " that its samples are acceleration, and that its time step is right",
-    )
+    found = {
+        code: each.said(measures[each.measure])
+        for code, each in WARNINGS.items()
+        if each.sentence and each.applies(measures.get(each.measure, each.least))
+    }
+    strong = [found.pop(code) for code in ("pga", "pgv") if code in found]
+    if strong:
+        found.pop("pulse", None)
+        pga_m_s2, pgv_m_s = measures["pga_m_s2"], measures["pgv_m_s"]
+        if not baseline and not WARNINGS["pga"].applies(pga_m_s2):
+            explained = ": its baseline is not corrected"
+        else:
+            explained = _explained(pga_m_s2, pgv_m_s, unit_m_s2)
+        return (*found.values(), ", ".join(strong) + explained)
+    return tuple(found.values())
 
 
 def _explained(pga_m_s2: float, pgv_m_s: float, unit_m_s2: float | None) -> str:
@@ -215,7 +239,7 @@ def _refuse_sample(
 
 
 def is_beyond(factor: ArrayLike, pgv_m_s: ArrayLike, pgd_m: ArrayLike) -> NDArray[np.bool_]:
-    """Whether motions after scaling by some factors, which multiply PGV and PGD too, are no earthquake's."""
+    """Whether scaled motions exceed all recorded ones by their factor, PGV or PGD."""
     limits = ((factor, LARGEST_FACTOR), (pgv_m_s, TOLD_PGV_M_S), (pgd_m, LARGEST_PGD_M))
     return np.logical_or.reduce([np.asarray(value, float) > limit for value, limit in limits])
 

@@ -4,6 +4,7 @@ import hashlib
 import struct
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -53,21 +54,16 @@ class Record:
         record_id: str,
         motion: Motion,
         *,
-        event: str = "",
-        station: str = "",
-        magnitude: float | None = None,
-        distance_km: float | None = None,
         component_azimuths_deg: tuple[float, float] | None = None,
         history: Iterable[str] = (),
         files: Iterable[str] = (),
-        components: int = 3,
-        quality: str = "made",
-        place: Place = FREE_FIELD,
+        **stated: Any,
     ) -> "Record":
         """Measure a motion and name it.
 
         component_azimuths_deg: Azimuths of the recorded horizontal components, degrees counter-clockwise from x; None
         where unknown.
+        stated: Other fields of the record.
         Raises InputError if the motion has no horizontal acceleration.
         """
         intensity = measure(motion, component_azimuths_deg or (0.0, 90.0))
@@ -81,19 +77,13 @@ class Record:
             )
         return cls(
             record_id=record_id,
-            event=event,
-            station=station,
-            magnitude=magnitude,
-            distance_km=distance_km,
             motion=motion,
             north_known=component_azimuths_deg is not None,
             intensity=intensity,
             history=tuple(history),
             files=tuple(files),
             sha=motion_sha(motion, intensity["strong_azimuth_deg"]),
-            components=components,
-            quality=quality,
-            place=place,
+            **({"event": "", "station": "", "magnitude": None, "distance_km": None} | stated),
         )
 
 

@@ -11,7 +11,14 @@ from toppling.models.motions.deaggregation import Bin
 from toppling.models.motions.ensemble import Ensemble
 
 _LEAST_COMPONENTS = 2
-"""Every record has so many."""
+"""Number of components that every record has."""
+_RANGES = {
+    "magnitude": ("magnitude", ""),
+    "distance_km": ("distance", " km"),
+    "pga_m_s2": ("PGA", " m/s2"),
+    "pgv_pga_s": ("PGV/PGA", " s"),
+}
+"""Columns of which a choice gives a range, with their names and units in words."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +41,7 @@ class Choice:
     count: int = 0  # at most so many, spread evenly over the ranks of PGV/PGA
 
     def __post_init__(self) -> None:
-        for name in ("magnitude", "distance_km", "pga_m_s2", "pgv_pga_s"):
+        for name in _RANGES:
             limits = getattr(self, name)
             if limits and not limits[0] <= limits[1]:
                 raise InputError(
@@ -51,8 +58,8 @@ def select(ensemble: Ensemble, choice: Choice) -> tuple[list[str], list[tuple[st
 
     Raises InputError if no record is.
     """
-    catalog = ensemble.catalog.select([name for name in _COLUMNS if name in ensemble.catalog.column_names])
-    rows = catalog.to_pylist()
+    columns = [*_RANGES, "record_id", "event", "components", "quality"]
+    rows = ensemble.catalog.select(columns).to_pylist()
     left: list[tuple[str, int]] = []
     fit = rows
     for condition, narrow in _conditions(choice):
@@ -71,16 +78,6 @@ def select(ensemble: Ensemble, choice: Choice) -> tuple[list[str], list[tuple[st
     return [row["record_id"] for row in rows if row["record_id"] in kept], left
 
 
-_COLUMNS = (
-    "record_id",
-    "event",
-    "magnitude",
-    "distance_km",
-    "components",
-    "quality",
-    "pga_m_s2",
-    "pgv_pga_s",
-)
 _Rows = list[dict[str, Any]]
 _Narrow = Callable[[_Rows], _Rows]
 
@@ -91,22 +88,12 @@ def _conditions(choice: Choice) -> Iterator[tuple[str, _Narrow]]:
     def where(holds: Callable[[dict[str, Any]], bool]) -> _Narrow:
         return lambda rows: [row for row in rows if holds(row)]
 
-    ranges = (
-        ("magnitude", "magnitude", ""),
-        ("distance_km", "distance", " km"),
-        ("pga_m_s2", "PGA", " m/s2"),
-        ("pgv_pga_s", "PGV/PGA", " s"),
-    )
-    for column, name, unit in ranges:
-        limits = getattr(choice, column)
-        if limits:
-            condition = f"{name} {limits[0]:g} to {limits[1]:g}{unit}"
-            yield (
-                condition,
-                lambda rows, column=column, limits=limits: [  # type: ignore[misc]
-                    row for row in rows if row[column] is not None and limits[0] <= row[column] <= limits[1]
-                ],
-            )
+    def within(column: str, limits: tuple[float, float]) -> _Narrow:
+        return where(lambda row: row[column] is not None and limits[0] <= row[column] <= limits[1])
+
+    for column, (name, unit) in _RANGES.items():
+        if limits := getattr(choice, column):
+            yield f"{name} {limits[0]:g} to {limits[1]:g}{unit}", within(column, limits)
     if choice.components > _LEAST_COMPONENTS:
         yield f"{choice.components} components", where(lambda row: row["components"] >= choice.components)
     if choice.quality:
@@ -136,7 +123,7 @@ def _nearest(rows: _Rows, most: int) -> _Rows:
 
 
 def _spread(rows: _Rows, count: int) -> _Rows:
-    """So many rows at even ranks of PGV/PGA, the shortest and the longest pulse among them."""
+    """`count` rows at even ranks of PGV/PGA, the shortest and the longest pulse among them."""
     ranked = sorted(rows, key=lambda row: (row["pgv_pga_s"], row["record_id"]))
     if count >= len(ranked):
         return ranked

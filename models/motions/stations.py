@@ -8,14 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from toppling.models.errors import InputError
-from toppling.models.frames import apart_deg
 from toppling.models.motions.formats.component import DOWN, UP, Component, bearing, code_direction
 from toppling.models.motions.motion import Motion
 
 _LEAST_ANGLE_DEG = 30.0
 """Two horizontals closer than this to one line cannot be resolved into x and y."""
-_TOLD_OFF_DEG = 10.0
-"""Off a right angle: instruments have their horizontals across each other, and an azimuth in a table is mistyped."""
 SAME_SHAKING_S = 60.0
 """Channels of one station that start farther apart than this belong to different records."""
 _STEP_TOLERANCE = 1e-3
@@ -69,16 +66,6 @@ def triple(group: Sequence[Component]) -> Triple:
             else "export each channel as a file of its own, and name them h1, h2 and v in the metadata table",
         )
     return Triple(*horizontal, *vertical)
-
-
-def oblique(azimuths_deg: tuple[float, float] | None) -> tuple[str, ...]:
-    """What is to be told of horizontals that are not across each other; nothing where they are, or nobody knows."""
-    if azimuths_deg is None:
-        return ()
-    between_deg = apart_deg(*azimuths_deg)
-    if abs(between_deg - 90.0) <= _TOLD_OFF_DEG:
-        return ()
-    return (f"the horizontals are {between_deg:g} degrees apart, not 90: see that their azimuths are right",)
 
 
 def oriented(channels: Triple) -> tuple[Motion, tuple[float, float] | None, tuple[str, ...]]:

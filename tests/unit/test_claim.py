@@ -9,9 +9,8 @@ from refusals import refused
 
 from toppling.models.errors import InputError
 from toppling.models.files import stores as module
-from toppling.models.files.claim import CLAIM
 from toppling.models.files.store_access import Store
-from toppling.models.files.stores import Copy
+from toppling.models.files.stores import CLAIM, Copy
 
 
 @pytest.fixture(params=["s3", "of_fsspec"])

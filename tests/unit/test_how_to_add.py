@@ -65,7 +65,7 @@ from toppling.workers.engines.bullet.description import BULLET
 OTHER = replace(BULLET, name="other", title="Other")
 '''
 ADDED = {
-    "CSV dialect": {"models/motions/formats/column_cells.py": ('SEPARATORS = ";\\t,"', 'SEPARATORS = ";\\t,|"')},
+    "CSV dialect": {"models/files/table.py": ('_SIGNS, _REMARKS = ";\\t,"', '_SIGNS, _REMARKS = ";\\t,|"')},
     "record format": {
         "models/motions/formats/one_line.py": FORMAT,
         "models/motions/formats/reading.py": (

@@ -14,7 +14,7 @@ from toppling.models.motions.place import FREE_FIELD, Place
 
 UP, DOWN = "up", "down"
 TIME_STEPS_S = (1e-5, 0.5)
-"""Of any instrument that records shaking; one of 1 s is a count of rows."""
+"""Range of time steps of instruments that record shaking; one of 1 s is a count of rows."""
 _DEGREES = re.compile(r"-?(?:\d+(?:\.\d*)?|\.\d+)", re.ASCII)
 _DIRECTIONS: dict[str, float | str] = {
     word: direction
@@ -138,3 +138,41 @@ def code_direction(code: str) -> float | str | None:
     SEED's 2 and 3, and what a person calls 1 and 2, are two horizontals of unknown bearing; 0 is north.
     """
     return None if len(code) == 1 and code in "123456789" else bearing(code)
+
+
+_FILLING = {
+    "ACC", "ACCEL", "ACCELERATION", "A", "COMP", "COMPONENT", "CHANNEL", "CHAN", "CH", "DIR", "DIRECTION", "LINEAR",
+    "BESCHLEUNIGUNG", "ACELERACION", "ACELERACIÓN", "ACCÉLÉRATION", "ACCELERAZIONE",
+}  # fmt: skip
+"""Words of a component's name that say nothing of its direction."""
+_WORDS = {
+    "NORTHSOUTH": "NS", "EASTWEST": "EW", "UPDOWN": "UD", "NORTE": "N", "ESTE": "E", "NORD": "N", "EST": "E",
+    "OST": "E", "SUR": "S", "OESTE": "W", "AX": "X", "AY": "Y", "AZ": "Z", "LONGITUDINAL": "L", "LONG": "L",
+    "TRANSVERSE": "T", "TRANSVERSAL": "T", "TRAN": "T", "LON": "L", "VERTIKAL": "UP", "RADIAL": "H1", "R": "H1",
+    "NORTESUR": "NS", "ESTEOESTE": "EW", "OSTWEST": "EW", "NORDSÜD": "NS", "NORDSUD": "NS",
+    "ESTOUEST": "EW", "VERTICALE": "UP", "东西": "EW", "南北": "NS", "東西": "EW",
+    "竖向": "UD", "竖直": "UD", "垂直": "UD", "上下": "UD",
+}  # fmt: skip
+"""Words and letters that people write for directions, beside those that every format knows."""
+_GLUED = re.compile(r"ACC(?:EL|ELERATION)?(?=(?:[XYZENUV123]|EW|NS|UD)$)")
+"""Before a direction without anything between: AccX."""
+_CHANNEL_CODE = re.compile(r"[A-Z][GHLN][ENZ123]")
+"""SEED's: of a band, an accelerometer or seismometer, and a direction or number."""
+_HORIZONTALS = {"H1", "H2", "L", "T", "X", "Y"}
+"""Names of horizontals that say nothing of their bearing."""
+
+
+def label_of(name: str) -> str:
+    """Label of a component's name, '' if it is none: a direction, a channel's code or number, or a horizontal."""
+    bare = _GLUED.sub("", name.upper().strip())
+    if known := _known_label(bare):
+        return known
+    words = [word for word in re.split(r"[\W_]+", bare) if word and word not in _FILLING]
+    return _known_label("".join(words)) if words else ""
+
+
+def _known_label(bare: str) -> str:
+    bare = _WORDS.get(bare, bare)
+    if bearing(bare) is not None or bare in _HORIZONTALS or re.fullmatch("[1-9]", bare):
+        return bare.lower()
+    return bare[-1].lower() if _CHANNEL_CODE.fullmatch(bare) else ""

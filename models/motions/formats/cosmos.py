@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from toppling.models.motions.formats.component import DOWN, UP, Component, bearing
-from toppling.models.motions.formats.header_text import stated_peak_m_s2
-from toppling.models.motions.formats.record_text import RecordText, first_found
+from toppling.models.motions.formats.record_text import RecordText, first_found, stated_peak_m_s2
 from toppling.models.motions.formats.units import unit_of
 from toppling.models.motions.place import BOREHOLE, Place, place_in_words
 

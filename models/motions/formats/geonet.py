@@ -3,8 +3,7 @@
 import re
 
 from toppling.models.motions.formats.component import Component, bearing
-from toppling.models.motions.formats.header_text import stated_peak_m_s2
-from toppling.models.motions.formats.record_text import Counted, RecordText
+from toppling.models.motions.formats.record_text import Counted, RecordText, stated_peak_m_s2
 from toppling.models.motions.formats.units import counted_unit, known_names
 from toppling.models.motions.place import place_in_name
 

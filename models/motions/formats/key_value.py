@@ -15,7 +15,7 @@ from toppling.models.motions.place import at_depth, place_in_name
 
 _UNAM_SAMPLES = re.compile(r"DATOS DE ACELERACION\s*(?::|$)")
 _PRINTED_TIME_S = 0.0015
-"""Of CWB's times, with three decimals."""
+"""Rounding of CWB's times, which have three decimals."""
 
 
 class esm:  # noqa: N801  (a reader, as the modules are)

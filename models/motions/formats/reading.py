@@ -34,7 +34,7 @@ class Reader(Protocol):
 
 
 _TEXT_FORMATS: tuple[Reader, ...] = (peer, geonet, cosmos, smc, volumes, esm, unam, cwb, columns)
-"""In the order in which they are tried."""
+"""Text formats in the order in which they are tried."""
 _NO_RECORDS = (
     (rb"\s*<!doctype html|\s*<html", "a web page, such as of a login", "fetch the record itself again"),
     (rb"\s*<\?xml|\s*<", "XML other than StationXML", "give the record, or the StationXML of its station"),
@@ -45,7 +45,7 @@ _LARGEST_BYTES = 500_000_000
 _LONGEST_LINE = 5000
 """Formats have lines of at most a few hundred characters, and searching endless ones for words is slow."""
 _LARGEST_SAMPLE = 1e12
-"""In the file's own unit: above the counts of any instrument, and a record's squares stay far from overflow."""
+"""Largest sample in the file's unit: above the counts of any instrument; its square is far from overflow."""
 
 
 def read_file(path: Path, inventory: Any | None = None) -> list[Component]:

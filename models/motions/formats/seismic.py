@@ -37,7 +37,7 @@ _MOST_SAMPLES = 10**9
 _NO_HEIGHT_M = -9999.0
 """K-NET's height of a station that is not known."""
 _SAC_QUANTITIES = {5: "unknown", 6: "displacement", 7: "velocity", 8: "acceleration", 50: "volts"}
-"""By SAC's `idep`."""
+"""Quantities of SAC's `idep`."""
 _SAME_STEP = 1e-6
 _EPISENSOR, _LEAST_OF_24_BIT = 32, 2**15
 """Kinemetrics' number of its accelerometer, and a count that no sample of 16 bits reaches."""

@@ -27,9 +27,16 @@ _UNITS: dict[str, Unit] = {
     **{length: Unit("displacement", factor) for length, factor in _LENGTHS_M.items()},
 }
 """The closed list: a name that is not here after folding is no unit."""
+UNITS_S = {
+    "": 1.0, "s": 1.0, "sec": 1.0, "secs": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3,
+    "millisecond": 1e-3, "milliseconds": 1e-3, "us": 1e-6, "microsecond": 1e-6, "microseconds": 1e-6,
+    "ns": 1e-9, "nanosecond": 1e-9, "nanoseconds": 1e-9,
+    "min": 60.0, "minutes": 60.0, "h": 3600.0, "hours": 3600.0,
+}  # fmt: skip
+"""Units of time, in seconds."""
 _LONGEST = 100
 _FACTORS = (1e-15, 1e6)
-"""Of one count in a unit: below the least of any digitiser."""
+"""Range of one count in a unit: the least is below that of any digitiser."""
 _FACTOR = re.compile(r"([-+]?(?:\d{1,30}\.?\d{0,30}|\.\d{1,30})(?:[Ee][-+]?\d{1,3})?)\s+(\S.*)$", re.ASCII)
 _POWER = re.compile(
     r"[x\u00d7*]?\s*1(?:e([-+]\d{1,2})\b|0(?:"

@@ -10,8 +10,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from toppling.models.motions.formats.component import Component, bearing
-from toppling.models.motions.formats.header_text import stated_peak_m_s2
-from toppling.models.motions.formats.record_text import Counted, RecordText, column_width, first_found
+from toppling.models.motions.formats.record_text import (
+    Counted,
+    RecordText,
+    column_width,
+    first_found,
+    stated_peak_m_s2,
+)
 from toppling.models.motions.formats.units import acceleration_m_s2
 from toppling.models.motions.measures import STANDARD_G_M_S2
 from toppling.models.motions.place import FREE_FIELD, Place, place_in_words

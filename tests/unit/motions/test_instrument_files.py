@@ -13,7 +13,7 @@ from refusals import left_out, refused
 from toppling.models.motions.formats import read_file
 from toppling.models.motions.importing import ImportOptions, import_records, record_files
 from toppling.models.motions.metadata import read_table
-from toppling.models.motions.quality import beyond_nature
+from toppling.models.motions.quality import warnings_of
 
 START = obspy.UTCDateTime(2020, 1, 1)
 COUNTS = np.random.default_rng(3).integers(-1000, 1000, 1000).astype(np.int32)
@@ -133,13 +133,13 @@ def test_samples_of_sac_that_are_not_finite_are_refused(bad, tmp_path):
     ],
 )
 def test_a_peak_beyond_nature_is_told_with_the_unit_that_would_explain_it(pga, pgv, unit, told):
-    found = beyond_nature(pga, pgv, unit)
+    found = warnings_of({"pga_m_s2": pga, "pgv_m_s": pgv}, unit)
     assert bool(found) is bool(told)
     assert all(text in found[0] for text in told)
 
 
 def test_a_velocity_beyond_nature_of_an_uncorrected_record_is_told_as_its_baseline():
-    assert beyond_nature(8.0, 45.0, None, False) == (
+    assert warnings_of({"pga_m_s2": 8.0, "pgv_m_s": 45.0}, None, False) == (
         "PGV is 45 m/s, more than 3 m/s: its baseline is not corrected",
     )
 

@@ -9,7 +9,7 @@ from refusals import refused
 
 from toppling.models.motions.formats.component import Component
 from toppling.models.motions.importing import ImportOptions, import_records, record_files
-from toppling.models.motions.quality import beyond_nature, check_samples
+from toppling.models.motions.quality import check_samples, warnings_of
 
 
 def channel(acceleration_m_s2):
@@ -68,5 +68,5 @@ def test_one_file_given_as_two_components_is_refused(sign, tmp_path):
 def test_a_time_step_in_error_by_a_factor_of_ten_is_told_by_the_pulses_length(step_factor, told):
     a = 0.1 * shaking()
     pgv_m_s = np.abs(np.cumsum(a[:, 0]) * STEP_S).max()
-    found = beyond_nature(np.abs(a[:, 0]).max(), pgv_m_s * step_factor)
+    found = warnings_of({"pgv_pga_s": pgv_m_s * step_factor / np.abs(a[:, 0]).max()})
     assert [("time step" in text) for text in found] == [True] * told

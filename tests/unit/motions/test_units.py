@@ -10,7 +10,7 @@ from obspy.core.inventory import Channel, Inventory, Network, Response, Station
 from obspy.core.inventory.response import InstrumentSensitivity
 from refusals import left_out
 
-from toppling.models.motions.formats.header_text import stated_unit
+from toppling.models.motions.formats.record_text import stated_unit
 from toppling.models.motions.formats.units import Unit, acceleration_m_s2, counted_unit, unit_of
 from toppling.models.motions.importing import import_records, record_files
 

@@ -247,7 +247,7 @@ class Scene(Described):
         -------
         list of (ground_accelerates_toward_deg, acceleration_m_s2)
         """
-        azimuths = [azimuth_of(each) for each in ground_accelerates_toward_deg]
+        azimuths = [azimuth_of(azimuth) for azimuth in ground_accelerates_toward_deg]
         if (rolling := self.rolling_body) is not None:
             return list(zip(azimuths, rolling.toppling_m_s2(np.array(azimuths)).tolist(), strict=True))
         if self.ground.is_plane:

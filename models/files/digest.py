@@ -88,8 +88,8 @@ def check(path: _PathLike, *, required: bool = False) -> bool:
             sealed = place is not None
             if (
                 place is not None
-                and (told := _told(file, place)) != _digest(file, place)
-                and told != _digest_of_lines(file, Path(path))
+                and (stated_digest := _told(file, place)) != _digest(file, place)
+                and stated_digest != _digest_of_lines(file, Path(path))
             ):
                 raise damaged(path, "its bytes do not have its digest")
             if not sealed and not required:

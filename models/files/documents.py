@@ -262,7 +262,7 @@ def _check_values(text: str, marks: str, where: object, refuse: Refuse) -> None:
 def _is_deep(content: Any) -> bool:
     level = [content]
     for _ in range(_DEEPEST):
-        level = [each for one in level for each in _inside(one) if isinstance(each, dict | list)]
+        level = [inner for outer in level for inner in _inside(outer) if isinstance(inner, dict | list)]
     return bool(level)
 
 
@@ -290,8 +290,8 @@ def _no_number(text: str, found: str) -> NoReturn:
 def finite(value: Any) -> Any:
     """Content in the types of JSON: null for what is not finite, Python's numbers for NumPy's."""
     if isinstance(value, Mapping):
-        return {key: finite(each) for key, each in value.items()}
+        return {key: finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [finite(each) for each in value]
+        return [finite(item) for item in value]
     value = value.item() if hasattr(value, "item") else value
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -60,7 +60,9 @@ def _spelled(path: Path) -> Path:
         return path
     folder, asked = _spelled(path.parent), unicodedata.normalize("NFC", path.name)
     there = folder.iterdir() if folder.is_dir() else ()
-    return next((one for one in there if unicodedata.normalize("NFC", one.name) == asked), folder / path.name)
+    return next(
+        (file for file in there if unicodedata.normalize("NFC", file.name) == asked), folder / path.name
+    )
 
 
 _KINDS = {"scene.json": "a scene", "catalog.parquet": "an ensemble", "run.json": "a run"}

@@ -64,8 +64,8 @@ def open_given(path: str | os.PathLike[str], refuse: Refuse, most_bytes: float |
     except (FileNotFoundError, NotADirectoryError) as error:
         raise _unopened(AbsentError, refuse("file.absent", "does not exist", path), error) from None
     except OSError as error:
-        told = refuse("file.not_opened", f"cannot be opened ({error.strerror})", path)
-        raise _unopened(UnopenedError, told, error) from None
+        why = refuse("file.not_opened", f"cannot be opened ({error.strerror})", path)
+        raise _unopened(UnopenedError, why, error) from None
     try:
         state = os.fstat(number)
         if stat.S_ISDIR(state.st_mode):
@@ -84,8 +84,8 @@ def open_given(path: str | os.PathLike[str], refuse: Refuse, most_bytes: float |
     return os.fdopen(number, "rb")
 
 
-def _unopened(kind: type[UnopenedError], told: InputError, error: OSError) -> UnopenedError:
-    unopened = kind(told.code, told.what, where=told.where, expected=told.expected, remedy=told.remedy)
+def _unopened(kind: type[UnopenedError], why: InputError, error: OSError) -> UnopenedError:
+    unopened = kind(why.code, why.what, where=why.where, expected=why.expected, remedy=why.remedy)
     unopened.errno, unopened.strerror = error.errno, error.strerror
     return unopened
 

@@ -210,16 +210,16 @@ def _serve(request: dict[str, Any], answers: BinaryIO) -> None:
             importlib.import_module(library)
         read = getattr(sys.modules[module], name)
         _limit(request["memory_bytes"], request["processor_s"])
-        said, arrays = read(Path(request["path"]))
+        result, arrays = read(Path(request["path"]))
         arrays = [np.ascontiguousarray(array) for array in arrays]
-        answer = {"said": said, "arrays": [(array.dtype.str, array.shape) for array in arrays]}
+        answer = {"said": result, "arrays": [(array.dtype.str, array.shape) for array in arrays]}
     except InputError as error:
         answer = {"refusal": vars(error) | {"where": error.where}}
     except MemoryError:
         answer = {"failure": f"it needs more than {request['memory_bytes'] / 1e6:.0f} MB of memory"}
     except BaseException as error:  # a panic of Rust is no Exception
-        told = str(error).strip().partition("\n")[0]  # what follows is for the library's authors
-        answer = {"failure": f"{type(error).__name__}: {told[:500]}"}
+        message = str(error).strip().partition("\n")[0]  # what follows is for the library's authors
+        answer = {"failure": f"{type(error).__name__}: {message[:500]}"}
     _unlimit()
     if "said" not in answer:
         arrays = []

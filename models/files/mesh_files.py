@@ -129,9 +129,9 @@ def _parse_mesh(path: Path) -> tuple[None, list[NDArray]]:
         content = _whole_stl(content, path)
     if suffix == ".obj" and _COUNTED_BACK.search(content):
         content = _counted_from_the_first(content)
-    beside = trimesh.resolvers.FilePathResolver(str(path))  # glTF keeps its numbers in a file beside it
+    resolver = trimesh.resolvers.FilePathResolver(str(path))  # glTF keeps its numbers in a file beside it
     mesh: Any = trimesh.load(
-        BytesIO(content), file_type=suffix[1:], resolver=beside, force="mesh", process=False
+        BytesIO(content), file_type=suffix[1:], resolver=resolver, force="mesh", process=False
     )
     return None, [np.array(mesh.vertices, np.float64), np.array(mesh.faces, np.int64)]
 
@@ -156,10 +156,10 @@ def _whole_stl(content: bytes, path: Path) -> bytes:
 def _check_gltf(content: bytes, path: Path) -> None:
     """Refuse triangles that trimesh does not unpack: by an extension that it has not, or stored as shares of a span."""
     binary = content.startswith(b"glTF")
-    said = json.loads(content[20 : 20 + int.from_bytes(content[12:16], "little")] if binary else content)
-    needed = [name for name in said.get("extensionsRequired", []) if not str(name).startswith(_OF_LOOKS)]
-    accessors = said.get("accessors", [])
-    parts = [part for mesh in said.get("meshes", []) for part in mesh["primitives"]]
+    document = json.loads(content[20 : 20 + int.from_bytes(content[12:16], "little")] if binary else content)
+    needed = [name for name in document.get("extensionsRequired", []) if not str(name).startswith(_OF_LOOKS)]
+    accessors = document.get("accessors", [])
+    parts = [part for mesh in document.get("meshes", []) for part in mesh["primitives"]]
     places = [part["attributes"]["POSITION"] for part in parts if "POSITION" in part["attributes"]]
     if any(accessors[place].get("normalized") for place in places):
         needed.append("normalised positions")

@@ -48,7 +48,9 @@ _READ = {
     "ensemble_id?": TEXT,
     "files?": Kind(
         "an object of digests by file name",
-        lambda value: isinstance(value, dict) and all(isinstance(one, str | None) for one in value.values()),
+        lambda value: (
+            isinstance(value, dict) and all(isinstance(text, str | None) for text in value.values())
+        ),
     ),
     "settling?": _SETTLING,
 }

@@ -302,26 +302,26 @@ def _file_system(address: str) -> tuple[Any, str]:
 
 def azure_arguments(connection: str) -> dict[str, str]:
     """Arguments of Arrow's file system from a connection string, as Azure shows it for an account."""
-    given = dict(one.partition("=")[::2] for one in connection.split(";") if one)
+    given = dict(pair.partition("=")[::2] for pair in connection.split(";") if pair)
     endpoint = given.get("BlobEndpoint", "").split("/")  # https: // authority / account
-    said = {
+    named = {
         "account_name": given.get("AccountName", ""),
         "account_key": given.get("AccountKey"),
         "sas_token": given.get("SharedAccessSignature"),
         "blob_storage_scheme": given.get("DefaultEndpointsProtocol"),
     }
     if len(endpoint) > 2:
-        said["blob_storage_scheme"], said["blob_storage_authority"] = endpoint[0].rstrip(":"), endpoint[2]
-        said["dfs_storage_scheme"], said["dfs_storage_authority"] = endpoint[0].rstrip(":"), endpoint[2]
-    return {name: value for name, value in said.items() if value is not None}
+        named["blob_storage_scheme"], named["blob_storage_authority"] = endpoint[0].rstrip(":"), endpoint[2]
+        named["dfs_storage_scheme"], named["dfs_storage_authority"] = endpoint[0].rstrip(":"), endpoint[2]
+    return {name: value for name, value in named.items() if value is not None}
 
 
 def no_answer(address: str, error: Exception) -> InputError:
     """Tell what a store, or what reaches it, complains of."""
-    said = str(error).splitlines() or [type(error).__name__]
+    lines = str(error).splitlines() or [type(error).__name__]
     return InputError(
         "store.no_answer",
-        f"the store gives no answer ({said[0]})",
+        f"the store gives no answer ({lines[0]})",
         where=address,
         expected="a bucket that exists, and credentials that may read and write it",
         remedy="check the address and the store's variables (AWS_ACCESS_KEY_ID, AWS_ENDPOINT_URL, ...; "

@@ -113,12 +113,12 @@ def _bins(file: Table) -> list[Bin]:
                 "correct the table")  # fmt: skip
         found.append(numbers)
     if by_centre:
-        km, magnitudes = _widths(file.path, [one[1] for one in found], [one[0] for one in found])
+        km, magnitudes = _widths(file.path, [row[1] for row in found], [row[0] for row in found])
         found = [[*_around(m, magnitudes), *_around(r, km), share] for m, r, share in found]
-    shares: dict[tuple[float, ...], float] = {}
-    for one in found:
-        shares[tuple(one[:4])] = shares.get(tuple(one[:4]), 0.0) + one[4]
-    return [Bin((place[0], place[1]), (place[2], place[3]), share) for place, share in shares.items()]
+    contributions: dict[tuple[float, ...], float] = {}
+    for numbers in found:
+        contributions[tuple(numbers[:4])] = contributions.get(tuple(numbers[:4]), 0.0) + numbers[4]
+    return [Bin((place[0], place[1]), (place[2], place[3]), share) for place, share in contributions.items()]
 
 
 def _plain(name: str) -> str:
@@ -174,7 +174,7 @@ def _widths(table: Path, distances_km: Sequence[float], magnitudes: Sequence[flo
         stated = text_given(summary, no_table)
         found = [re.search(rf"\b{name}:\s+min = .*Δ = ([\d.]+)", stated) for name in ("r", "m")]
         if all(found):
-            return tuple(float(one[1]) for one in found if one)  # type: ignore[return-value]
+            return tuple(float(match[1]) for match in found if match)  # type: ignore[return-value]
     for folder in table.absolute().parents[:_DEPTH]:
         if (folder / "config.json").is_file():
             try:
@@ -192,7 +192,7 @@ def _widths(table: Path, distances_km: Sequence[float], magnitudes: Sequence[flo
         steps = [(b - a) / (width or 1.0) for a, b in pairwise(known)]
         if any(abs(step - round(step)) > min(_UNEVEN * step, _MOST_UNEVEN) for step in steps):
             _refuse("deaggregation.bins_uneven", table,
-                f"has centres of bins that are not equally wide: {listed([f'{one:g}' for one in known], 8)}",
+                f"has centres of bins that are not equally wide: {listed([f'{centre:g}' for centre in known], 8)}",
                 "give magnitude_low, magnitude_high, distance_low_km and distance_high_km")  # fmt: skip
     return widths[0] or 0.0, widths[1] or 0.0
 
@@ -204,7 +204,7 @@ def _openquake(file: Table, imt: str | None, poe: float | None) -> Deaggregation
     remedy = "give Mag_Dist, as disagg_outputs = Mag_Dist writes it"
     header, records = _records(file, {"imt", "poe", "mag", "dist"}, lacks, remedy)
     edges = [openquake.numbers(stated.get(f"{name}_bin_edges", "")) for name in ("mag", "dist")]
-    if not all(len(one) > 1 and all(a < b for a, b in pairwise(one)) for one in edges):
+    if not all(len(bin_edges) > 1 and all(a < b for a, b in pairwise(bin_edges)) for bin_edges in edges):
         what = "states no mag_bin_edges and dist_bin_edges in its first line"
         _refuse("deaggregation.edges_missing", table, what, "give the file as it was written")
     chosen, of = _chosen(table, records, imt, poe, stated.get("investigation_time", ""))
@@ -214,7 +214,7 @@ def _openquake(file: Table, imt: str | None, poe: float | None) -> Deaggregation
         place = _place(where, record, edges)
         p = math.fsum(weight * _probability(where, record[name]) for name, weight in weights.items())
         stays[place] = stays.get(place, 0.0) - math.log1p(-min(p, 1 - 1e-15))
-    magnitudes, distances_km = (list(pairwise(one)) for one in edges)
+    magnitudes, distances_km = (list(pairwise(bin_edges)) for bin_edges in edges)
     return Deaggregation(
         [Bin(magnitudes[m], distances_km[d], rate) for (m, d), rate in sorted(stays.items())], of
     )
@@ -241,7 +241,7 @@ def _chosen(
             f"has the probabilities {listed([f'{p:g}' for p in poes], 12)}" if poes else "has no row",
             "give one of these as --poe")  # fmt: skip
     rows = [record for p, record in of_measure if p == known[0]]
-    others = [f"--imt {one}" for one in imts if one != measure]
+    others = [f"--imt {name}" for name in imts if name != measure]
     others += [f"--poe {p:g}" for p in poes if p != known[0]]
     more = f"; others with {listed(others, 6)}" if others else ""
     level = rows[0][1].get("iml", "?")

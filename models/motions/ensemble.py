@@ -220,7 +220,7 @@ class Ensemble:
                 "ensemble.motion_foreign", f"row group {index} is not record {record_id!r}", self.folder
             )
         chunks = [row.column(f"acceleration_{axis}_m_s2").combine_chunks().flatten() for axis in "xyz"]
-        columns = [np.from_dlpack(each) for each in chunks]  # `to_numpy` imports pandas: 45 MB of a worker
+        columns = [np.from_dlpack(chunk) for chunk in chunks]  # `to_numpy` imports pandas: 45 MB of a worker
         motion = Motion(np.column_stack(columns), row.column("time_step_s")[0].as_py())
         entry: dict[str, Any] = self.catalog.slice(index, 1).to_pylist()[0]
         _refuse_other_motion(motion, entry, self.folder)

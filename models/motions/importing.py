@@ -185,8 +185,8 @@ def _refuse_elsewhere(group: Sequence[Component], options: ImportOptions) -> Non
 
 def _corrected(channels: Triple) -> bool | None:
     """Whether the agency has corrected all channels; None if nobody says."""
-    said = [component.corrected for component in channels.channels]
-    return False if False in said else None if None in said else True
+    stated = [component.corrected for component in channels.channels]
+    return False if False in stated else None if None in stated else True
 
 
 def _processed(
@@ -250,7 +250,10 @@ def record_files(paths: Iterable[Path]) -> list[Path]:
 def _without_records(folders: Sequence[Path]) -> InputError:
     """Say what the folders hold instead of records."""
     kinds = Counter(
-        file.suffix.lower() or "no suffix" for one in folders for file in one.rglob("*") if file.is_file()
+        file.suffix.lower() or "no suffix"
+        for folder in folders
+        for file in folder.rglob("*")
+        if file.is_file()
     )
     held = ", ".join(f"{count} of {kind}" for kind, count in kinds.most_common(5))
     return InputError(
@@ -304,9 +307,9 @@ def import_records(
             _refuse_elsewhere(group, options)
             found.append(_prepared(name, triple(group), options, None))
         advance(len({component.path for component in group}))
-    kept = _without_duplicates(found, outcome, options.folders_apart)
-    outcome.records.extend(_with_unique_ids([candidate.record for candidate in kept]))
-    for record, candidate in zip(outcome.records, kept, strict=True):
+    unique = _without_duplicates(found, outcome, options.folders_apart)
+    outcome.records.extend(_with_unique_ids([candidate.record for candidate in unique]))
+    for record, candidate in zip(outcome.records, unique, strict=True):
         outcome.warnings.extend((record.record_id, text) for text in candidate.warnings)
     return outcome
 
@@ -344,11 +347,16 @@ def _with_depths(channels: dict[Path, list[Component]]) -> dict[Path, list[Compo
     every = [c for components in channels.values() for c in components if c.elevation_m is not None]
     surface_m = {(c.file_format, c.station): c.elevation_m for c in every if c.place.free_field}
 
-    def with_depth(one: Component) -> Component:
-        top_m = surface_m.get((one.file_format, one.station))
-        if one.place != BOREHOLE or top_m is None or one.elevation_m is None or not top_m > one.elevation_m:
-            return one
-        return replace(one, place=Place(round(top_m - one.elevation_m, 3)))
+    def with_depth(part: Component) -> Component:
+        top_m = surface_m.get((part.file_format, part.station))
+        if (
+            part.place != BOREHOLE
+            or top_m is None
+            or part.elevation_m is None
+            or not top_m > part.elevation_m
+        ):
+            return part
+        return replace(part, place=Place(round(top_m - part.elevation_m, 3)))
 
     return {path: list(map(with_depth, components)) for path, components in channels.items()}
 
@@ -376,13 +384,15 @@ def _without_duplicates(found: list[Candidate], outcome: Import, folders_apart: 
     """Keep candidates of which no two, or no two of a folder, are one record."""
     left_out = set()
     places: dict[Path | None, list[Candidate]] = {}
-    for one in found:
-        places.setdefault(Path(one.record.files[0]).parent if folders_apart else None, []).append(one)
-    for kept, duplicate in chain.from_iterable(map(_duplicates, places.values())):
+    for candidate in found:
+        places.setdefault(Path(candidate.record.files[0]).parent if folders_apart else None, []).append(
+            candidate
+        )
+    for first, duplicate in chain.from_iterable(map(_duplicates, places.values())):
         left_out.add(id(duplicate))
         error = InputError(
             "record.given_twice",
-            f"the same shaking as {kept.record.record_id} ({', '.join(kept.record.files)})",
+            f"the same shaking as {first.record.record_id} ({', '.join(first.record.files)})",
             where=", ".join(duplicate.record.files),
             expected="one set of files a record",
             remedy="leave one of the two out",

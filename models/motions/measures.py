@@ -54,11 +54,11 @@ MEASURES: Mapping[str, Measure] = {
 # fmt: on
 
 SCALING_POWER = {
-    name: each.scaling_power for name, each in MEASURES.items() if each.scaling_power is not None
+    name: measure.scaling_power for name, measure in MEASURES.items() if measure.scaling_power is not None
 }
 """Measures that follow a scaled and turned motion, with the power of the scale by which they grow."""
 
-COMPARED = tuple(name for name, each in MEASURES.items() if each.compared)
+COMPARED = tuple(name for name, measure in MEASURES.items() if measure.compared)
 """Measures over which curves are fitted, and which are ranked."""
 
 LEVEL_MEASURES = tuple(
@@ -66,5 +66,5 @@ LEVEL_MEASURES = tuple(
 )
 """Measures of the horizontal shaking that grow with its scale, so that a level is a choice of them."""
 
-OPENQUAKE = {name: each.openquake for name, each in MEASURES.items() if each.openquake}
+OPENQUAKE = {name: measure.openquake for name, measure in MEASURES.items() if measure.openquake}
 """OpenQuake's name and the factor from SI to its unit, by measure."""

@@ -25,7 +25,7 @@ class Warned:
         """Whether a value of the measure is outside the limits."""
         return not self.least <= value <= self.most
 
-    def said(self, value: float) -> str:
+    def text(self, value: float) -> str:
         """The sentence on a value."""
         return self.sentence.format(value=value, least=self.least, most=self.most)
 
@@ -94,11 +94,11 @@ def check_apart(channels: Sequence[Component]) -> None:
 
     Raises InputError: with both files.
     """
-    for one, other in combinations(channels, 2):
-        a, b = (c.acceleration_m_s2 for c in (one, other))
+    for first, other in combinations(channels, 2):
+        a, b = (c.acceleration_m_s2 for c in (first, other))
         count = min(len(a), len(b))
         if np.array_equal(a[:count], b[:count]) or np.array_equal(a[:count], -b[:count]):
-            other.refuse("record.same_samples", f"the samples are those of {one.where}, another component",
+            other.refuse("record.same_samples", f"the samples are those of {first.where}, another component",
                 "components of one shaking, each with its own samples",
                 "give each component's own file, or accept it with --doubtful")  # fmt: skip
 
@@ -112,9 +112,9 @@ def warnings_of(
     baseline: whether the agency or the program has corrected the baseline.
     """
     found = {
-        code: each.said(measures[each.measure])
-        for code, each in WARNINGS.items()
-        if each.sentence and each.applies(measures.get(each.measure, each.least))
+        code: warning.text(measures[warning.measure])
+        for code, warning in WARNINGS.items()
+        if warning.sentence and warning.applies(measures.get(warning.measure, warning.least))
     }
     strong = [found.pop(code) for code in ("pga", "pgv") if code in found]
     if strong:
@@ -194,8 +194,8 @@ def _ends_in_mid_course(a: np.ndarray, run: tuple[int, int], quantum: float) -> 
     start, end = run
     if end - start < _CLIPPED_RUN:
         return False
-    beside = [abs(a[at] - a[start]) for at in (start - 1, end) if 0 <= at < len(a)]
-    return not beside or min(beside) > 1.5 * quantum
+    differences = [abs(a[at] - a[start]) for at in (start - 1, end) if 0 <= at < len(a)]
+    return not differences or min(differences) > 1.5 * quantum
 
 
 def _spike(component: Component, a: np.ndarray) -> None:

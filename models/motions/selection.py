@@ -74,8 +74,8 @@ def select(ensemble: Ensemble, choice: Choice) -> tuple[list[str], list[tuple[st
                 expected="at least one",
                 remedy="widen the ranges; 'toppling records show' lists each record's numbers",
             )
-    kept = {row["record_id"] for row in fit}
-    return [row["record_id"] for row in rows if row["record_id"] in kept], left
+    chosen = {row["record_id"] for row in fit}
+    return [row["record_id"] for row in rows if row["record_id"] in chosen], left
 
 
 _Rows = list[dict[str, Any]]
@@ -114,12 +114,12 @@ def _nearest(rows: _Rows, most: int) -> _Rows:
         return math.inf if row["distance_km"] is None else row["distance_km"], row["record_id"]
 
     taken: Counter[str] = Counter()
-    kept = []
+    nearest = []
     for row in sorted(rows, key=rank):
         taken[row["event"]] += 1
         if taken[row["event"]] <= most:
-            kept.append(row)
-    return kept
+            nearest.append(row)
+    return nearest
 
 
 def _spread(rows: _Rows, count: int) -> _Rows:

@@ -138,10 +138,10 @@ def _apart(group: list[Component]) -> list[list[Component]]:
     """Tell apart records of one station and event that are given twice: by file, start, folder or name."""
     if len(group) <= 3:
         return [group]
-    for way in (lambda c: c.path, lambda c: c.path.parent, lambda c: (c.path.parent, _name_series(c)[0])):
+    for key in (lambda c: c.path, lambda c: c.path.parent, lambda c: (c.path.parent, _name_series(c)[0])):
         parts: dict[object, list[Component]] = defaultdict(list)
         for component in group:
-            parts[way(component)].append(component)
+            parts[key(component)].append(component)
         if len(parts) > 1 and all(map(_may_be_record, parts.values())):
             return list(parts.values())
     return _by_start(group)

@@ -242,11 +242,11 @@ def _named(lines: Sequence[str], layout: _Layout, above: list[int]) -> _Layout:
     if len(columns) == layout.width + 1 and columns[0].name.lower() in _DATES and columns[1].is_time:
         columns = columns[1:]  # a date and a time of day are one
     if len(columns) != layout.width and (
-        all(_NUMBER.match(each.name) for each in columns) or lines[names_at].lstrip().startswith(COMMENT)
+        all(_NUMBER.match(cell.name) for cell in columns) or lines[names_at].lstrip().startswith(COMMENT)
     ):
         columns = []
     if units and len(columns) == len(units):
-        columns = [replace(each, unit=unit or each.unit) for each, unit in zip(columns, units, strict=True)]
+        columns = [replace(cell, unit=unit or cell.unit) for cell, unit in zip(columns, units, strict=True)]
     return replace(layout, names_at=names_at, columns=tuple(columns))
 
 
@@ -337,13 +337,13 @@ def read(file: RecordText) -> list[Component]:
         for n, label in roles.components.items()
     ]
     place, orientations = place_above(above), stated_orientations(text)
-    found = [replace(each, place=place) for each in found]
+    found = [replace(part, place=place) for part in found]
     if list(roles.components.values()) == [""]:
         found = [replace(found[0], direction=stated_direction(text))]
     elif not named[-1].name and len(orientations) == len(found):
-        found = [replace(each, direction=one) for each, one in zip(found, orientations, strict=True)]
+        found = [replace(part, direction=points) for part, points in zip(found, orientations, strict=True)]
     if peak := stated_peak_m_s2(text):  # of whichever it is nearest to
-        off = [abs(math.log(max(float(np.abs(each.acceleration_m_s2).max()), 1e-9) / peak)) for each in found]
+        off = [abs(math.log(max(float(np.abs(part.acceleration_m_s2).max()), 1e-9) / peak)) for part in found]
         nearest = off.index(min(off))
         found[nearest] = replace(found[nearest], stated_peak_m_s2=peak)
     return found
@@ -425,7 +425,7 @@ def _refuse_columns(file: RecordText, layout: _Layout) -> NoReturn:
     other = "delete this line if they are the time, h1, h2 and v" if width == 4 else "leave other columns out"
     same = width == len(layout.columns)
     what = f"the names of {width} columns are" if same else f"rows of {width} numbers stand below"
-    what += " " + ", ".join(repr(each.name) for each in layout.columns)
+    what += " " + ", ".join(repr(column.name) for column in layout.columns)
     expected = "the time, then components by direction (NS, E, 090, UP, HNZ ...) or as h1, h2, v"
     file.refuse("record.columns_unknown", layout.names_at or 0, what, expected, f"name them so, or {other}")
 
@@ -552,7 +552,7 @@ def _jump_of_coarse_times(time: NDArray[np.float64], digit: float) -> NDArray[np
 def _round_step(step: float, error: float) -> float:
     """Roundest step within an error: of a few decimals, else of a whole number a second, else of nine decimals."""
     rounded = (round(step, digits) for digits in range(1, 5))
-    few = next((each for each in rounded if abs(each - step) <= error), 0.0)
+    few = next((value for value in rounded if abs(value - step) <= error), 0.0)
     rate = round(1 / step) or 1
     return few if few > 0 else 1 / rate if abs(1 / rate - step) <= error else round(step, 9)
 

@@ -53,8 +53,8 @@ def read(file: RecordText) -> list[Component]:
     first = numbers + 1
     if count is None:
         values = file.numbers(first)
-        told = f"{file.path.name}: no NPTS, all {len(values)} samples that follow are read"
-        found = Counted(values, warnings=(told,))
+        warning = f"{file.path.name}: no NPTS, all {len(values)} samples that follow are read"
+        found = Counted(values, warnings=(warning,))
     else:
         found = file.counted(numbers, count, first)
     event, station, label = _title(lines[top + 1] if at > top + 1 else lines[top])

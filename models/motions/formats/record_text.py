@@ -188,10 +188,10 @@ class RecordText(TextFile):
             whole = -surplus <= few and len(lengths) > 1 and bool((lengths[:-1] == lengths.max()).all())
         if count < 1 or not whole or _jumps(values[:count], ends):
             self._refuse_count(at, len(values) / channels, rows)
-        said = f"{self.path.name}: {len(values) / channels:.10g} samples where the header counts {rows}"
+        warning = f"{self.path.name}: {len(values) / channels:.10g} samples where the header counts {rows}"
         if surplus > 0:
-            return Counted(values[:count], 0, (f"{said}: the last {surplus / channels:g} left out",))
-        return Counted(values, -surplus // channels, (f"{said}: read as they are, the rows are whole",))
+            return Counted(values[:count], 0, (f"{warning}: the last {surplus / channels:g} left out",))
+        return Counted(values, -surplus // channels, (f"{warning}: read as they are, the rows are whole",))
 
     def evenly(
         self, start: int, pairs: NDArray[np.float64], pairs_a_line: int, uneven_step_s: float
@@ -260,8 +260,8 @@ def _jumps(values: NDArray[np.float64], ends: NDArray[np.int64]) -> bool:
     between[inner], between[inner - 1] = True, True
     between = between[1 : len(values) - 1]
     for place in np.argsort(np.where(between, bend, 0.0))[-20:]:
-        beside = slice(max(place - _NEAR, 0), place + _NEAR)
-        within = bend[beside][~between[beside]]
+        window = slice(max(place - _NEAR, 0), place + _NEAR)
+        within = bend[window][~between[window]]
         if len(within) and bend[place] > _JUMP_RATIO * within.max():
             return True
     return False
@@ -317,7 +317,7 @@ def unit_of_peaks(lines: Sequence[str], largest: float) -> float | None:
     """Unit in m/s2 of peaks that the lines state, where it is that of the samples: their largest is such a peak."""
     for match in _found(_PEAKS_IN, lines):
         unit, peaks = acceleration_m_s2(match[1]), re.findall(_NUMBER, match[2])
-        peak = max(abs(float(each)) for each in peaks)
+        peak = max(abs(float(peak)) for peak in peaks)
         if unit and largest / _PEAK_OFF < peak < largest * _PEAK_OFF:
             return unit
     return None
@@ -333,8 +333,8 @@ def stated_direction(lines: Sequence[str]) -> float | str | None:
 def stated_orientations(lines: Sequence[str]) -> list[float | str]:
     """Directions of several components, in their order, where one line states them all; none else."""
     found = [match[1] for match in _found(_ORIENTATIONS, lines)]
-    said = [code_direction(word.strip()) for word in re.split("[,;/]", found[0])] if len(found) == 1 else []
-    return [each for each in said if each is not None] if None not in said else []
+    words = [code_direction(word.strip()) for word in re.split("[,;/]", found[0])] if len(found) == 1 else []
+    return [word for word in words if word is not None] if None not in words else []
 
 
 def stated_step_s(lines: Sequence[str], rows: int) -> float | None:

@@ -94,8 +94,8 @@ def in_m_s2(trace: Any, inventory: Any, path: Path) -> Converted:
         if channel.location_code == trace.stats.location:
             return found
         at = f"{trace.id} is read with the response at location {channel.location_code!r}"
-        said = f"{at}, the only one of its channel in the StationXML"
-        return replace(found, warnings=(*found.warnings, said))
+        warning = f"{at}, the only one of its channel in the StationXML"
+        return replace(found, warnings=(*found.warnings, warning))
     except InputError:
         raise
     except (ArithmeticError, LookupError, TypeError, ValueError, AttributeError) as error:
@@ -120,7 +120,7 @@ def _converted(trace: Any, values: NDArray[np.float64], response: Any, path: Pat
     unit = _input_unit(response, trace.id, path)
     _refuse_what_is_not_evaluated(response, unit, trace.id, path)
     known = _in_si(response)
-    sensitivity, said = _checked_sensitivity(known, unit, trace, path)
+    sensitivity, warned = _checked_sensitivity(known, unit, trace, path)
     top = min(_FLATNESS_BAND_HZ[1], 0.4 / trace.stats.delta)
     if unit.quantity == "acceleration" and sensitivity is not None:
         flat = _is_flat(known, sensitivity, top)
@@ -128,12 +128,12 @@ def _converted(trace: Any, values: NDArray[np.float64], response: Any, path: Pat
             per_m_s2 = sensitivity / unit.factor
             note = f"divided by the sensitivity, {per_m_s2:.6g} counts per m/s2"
             end = "" if flat else "; that its response is flat could not be checked"
-            return Converted(values / per_m_s2, True, (note + end,), said)
+            return Converted(values / per_m_s2, True, (note + end,), warned)
     work = trace.copy()
     work.stats.response = known
     nyquist = 0.5 / trace.stats.delta
     band = (0.01, 0.02, 0.8 * nyquist, 0.95 * nyquist)
-    with _spoken() as spoken:
+    with _spoken() as messages:
         try:
             work.remove_response(
                 output="ACC", pre_filt=band, water_level=None, hide_sensitivity_mismatch_warning=True
@@ -142,8 +142,8 @@ def _converted(trace: Any, values: NDArray[np.float64], response: Any, path: Pat
             _refuse_response("response.not_removable",
                 f"the response of {trace.id} cannot be removed ({error})", path)  # fmt: skip
     note = f"response removed between {band[1]:g} and {band[2]:g} Hz"
-    said = (*said, *(f"of the response of {trace.id}: {text}" for text in spoken))
-    return Converted(np.asarray(work.data, float) * unit.factor, True, (note,), said)
+    warned = (*warned, *(f"of the response of {trace.id}: {text}" for text in messages))
+    return Converted(np.asarray(work.data, float) * unit.factor, True, (note,), warned)
 
 
 def _channel_of(stats: Any, inventory: Any, path: Path) -> Any:
@@ -197,11 +197,11 @@ def _input_unit(response: Any, name: str, path: Path) -> Unit:
         _refuse_response("response.unit_missing",
             f"the StationXML does not say in which unit the response of {name} is", path)  # fmt: skip
     units = []
-    for each in filter(None, named):
-        unit = unit_of(each)
+    for name_of_unit in filter(None, named):
+        unit = unit_of(name_of_unit)
         if unit is None:
             _refuse_response("response.unit_unknown",
-                f"the StationXML gives the response of {name} in {each!r}, which is no unit of ground motion",
+                f"the StationXML gives the response of {name} in {name_of_unit!r}, which is no unit of ground motion",
                 path, expected=f"{known_names()}, or the same of velocity or displacement")  # fmt: skip
         units.append(unit)
     if units[0] != units[-1]:
@@ -287,21 +287,23 @@ def _gain(response: Any, frequencies_hz: NDArray[np.float64], output: str) -> ND
 @contextmanager
 def _spoken() -> Iterator[list[str]]:
     """What ObsPy warns of and evalresp, which is C, prints: collected, as neither knows the file that it is said of."""
-    said: list[str] = []
+    messages: list[str] = []
     with warnings.catch_warnings(record=True) as caught, tempfile.TemporaryFile() as printed:
         warnings.simplefilter("always")
         try:
             standard_error = os.dup(2)
         except OSError:  # closed by whoever started the program
-            yield said
+            yield messages
             return
         os.dup2(printed.fileno(), 2)
         try:
-            yield said
+            yield messages
         finally:
             os.dup2(standard_error, 2)
             os.close(standard_error)
             printed.seek(0)
             text = printed.read(10 * _MOST_SAID).decode(errors="replace")
-            unique = dict.fromkeys(str(each.message) for each in caught)
-            said.extend(" ".join(each.split())[:_MOST_SAID] for each in (text, *unique) if each.strip())
+            unique = dict.fromkeys(str(warning.message) for warning in caught)
+            messages.extend(
+                " ".join(message.split())[:_MOST_SAID] for message in (text, *unique) if message.strip()
+            )

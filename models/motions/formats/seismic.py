@@ -59,7 +59,7 @@ def read(path: Path, inventory: Any | None) -> list[Component] | None:
     for header, values in zip(headers, samples, strict=True):
         header["starttime"] = obspy.UTCDateTime(ns=header["starttime"])
         traces.append(obspy.Trace(values, header=header))
-    return [_component(trace, said, path, inventory) for trace, said in _joined(traces, path)]
+    return [_component(trace, messages, path, inventory) for trace, messages in _joined(traces, path)]
 
 
 def parse(path: Path) -> tuple[list[dict[str, Any]] | None, list[np.ndarray]]:
@@ -90,9 +90,9 @@ def parse(path: Path) -> tuple[list[dict[str, Any]] | None, list[np.ndarray]]:
     if file_format == "KNET" and not _KNET_UNIT.search(plain):
         refuse_file("record.unit_unknown", path, "the scale factor is not in gal",
             "'Scale Factor 2000(gal)/8388608'")  # fmt: skip
-    doubt = [str(item.message) for item in complaints if item.category.__module__.startswith("obspy")]
-    if doubt:
-        _unreadable(path, doubt[0])
+    messages = [str(item.message) for item in complaints if item.category.__module__.startswith("obspy")]
+    if messages:
+        _unreadable(path, messages[0])
     for trace in stream:
         if np.ma.isMaskedArray(trace.data):
             refuse_file("record.samples_missing", path, f"samples of {trace.id} are missing", "all samples")
@@ -107,17 +107,17 @@ def parse(path: Path) -> tuple[list[dict[str, Any]] | None, list[np.ndarray]]:
     return headers, [trace.data for trace in stream]
 
 
-def _of_kinemetrics(said: Any, whole: bool) -> dict[str, Any]:
+def _of_kinemetrics(header: Any, whole: bool) -> dict[str, Any]:
     """What a Kinemetrics file says of a channel: its name, where it has one, and one count of an EpiSensor in m/s2.
 
     whole: whether samples have 24 bits, which the header's calibration is for.
     """
-    name = str(said.get("chan_id") or "").strip()
+    name = str(header.get("chan_id") or "").strip()
     stated: dict[str, Any] = {"channel": name} if name else {}
     sensitivity_v_g, full_scale_v = (
-        float(said.get(f"chan_{key}") or 0) for key in ("sensitivity", "fullscale")
+        float(header.get(f"chan_{key}") or 0) for key in ("sensitivity", "fullscale")
     )
-    if whole and said.get("chan_sensortype") == _EPISENSOR and sensitivity_v_g > 0 and full_scale_v > 0:
+    if whole and header.get("chan_sensortype") == _EPISENSOR and sensitivity_v_g > 0 and full_scale_v > 0:
         stated["count_m_s2"] = STANDARD_G_M_S2 * full_scale_v / (2**23 * sensitivity_v_g)
     return stated
 

@@ -214,6 +214,6 @@ def refuse_twins(rocks: tuple[Path, ...], rested: Sequence[Basis | None]) -> Non
 
 
 def names_of(rocks: tuple[Path, ...]) -> list[str]:
-    """Names of rocks: last parts of the paths, or the whole paths if those are not distinct."""
-    stems = [path.stem for path in rocks]
+    """Names of rocks: those of runs, stems of files, or the whole paths if these are not distinct."""
+    stems = [open_run(path).rock if path.is_dir() else path.stem for path in rocks]
     return stems if len(set(stems)) == len(stems) else [str(path) for path in rocks]

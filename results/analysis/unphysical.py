@@ -15,7 +15,7 @@ from toppling.results.analysis import fits, regression
 from toppling.results.analysis.fragility import chief
 from toppling.results.reader import Run
 
-_MOST_NAMED = 5
+_MOST_NAMED = 3
 """Maximum number of records named in a sentence."""
 
 
@@ -74,7 +74,7 @@ class Unphysical:
             return f"Without them the {change}, and no median PGA lies within what was shaken"
         return (
             f"Without them the median PGA is {self.median_pga_without_m_s2:.3g} instead of "
-            f"{self.median_pga_m_s2:.3g} m/s2, and the {change}"
+            f"{self.median_pga_m_s2:.3g} m/s², and the {change}"
         )
 
     def to_json(self) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from toppling.models.files.documents import listed
-from toppling.results.drawing.style import LETTERS_PER_IN, printed_unit, short_name, unit_of, within
+from toppling.results.drawing.style import LETTERS_PER_IN, printed_unit, short_name, within
 from toppling.results.hazard.events import Standing
 from toppling.results.hazard.places import SITE_REACH_KM
 from toppling.results.hazard.update import RATES
@@ -164,7 +164,7 @@ def all_words(statement: dict[str, Any]) -> str:
     lines += [*statement.get("hazard", {}).get("assumed", ()), *_branch_lines(statement)]
     lines += [*_tree_lines(statement), *_event_lines(statement)]
     for row in statement.get("rates", ())[9::10]:
-        unit, measure = unit_of(statement["measure"]), short_name(statement["measure"])
+        unit, measure = printed_unit(statement["measure"]), short_name(statement["measure"])
         lines.append(
             f"a {measure} of {row[statement['measure']]:.3g} {unit} or more is inconsistent at return periods below "
             f"{row['inconsistent_return_years']:,.0f} years"
@@ -195,7 +195,7 @@ def _rock_lines(statement: dict[str, Any]) -> list[str]:
     lines = [_rock_line(rock, statement["measure"]) for rock in statement["rocks"]]
     if "unexceeded" in statement:
         lines += _single_event_lines(statement)
-    unit = unit_of(statement["measure"]) if "unexceeded" in statement else ""
+    unit = printed_unit(statement["measure"]) if "unexceeded" in statement else ""
     for rock in statement["rocks"]:
         lines += _reservations(rock, statement.get("unexceeded"), unit)
     if site := statement.get("random_rock"):
@@ -225,14 +225,15 @@ def _rock_line(rock: dict[str, Any], measure: str) -> str:
 def fragility_words(rock: dict[str, Any], measure: str) -> str:
     """Describe the fragility of a statement's rock."""
     words = rock.get("fragility") or (
-        f"median {within(rock['median'], rock.get('strongest_shaken'))} {unit_of(measure)}, beta {rock['beta']:.2f}"
+        f"median {within(rock['median'], rock.get('strongest_shaken'))} {printed_unit(measure)}, "
+        f"beta {rock['beta']:.2f}"
     )
     return f"{words} ({rock['toppled']:,} topplings in {rock['jobs']:,} jobs)" if rock.get("jobs") else words
 
 
 def _single_event_lines(statement: dict[str, Any]) -> list[str]:
     """Lines on the intensity that no single event exceeded, with its uncertainty."""
-    unit, measure = unit_of(statement["measure"]), short_name(statement["measure"])
+    unit, measure = printed_unit(statement["measure"]), short_name(statement["measure"])
     stood = "the rock has stood" if len(statement["rocks"]) == 1 else "the rocks have stood"
     lines = [
         f"At {100 * statement['confidence']:g} % confidence no single event has exceeded a {measure} of "

@@ -194,7 +194,7 @@ def draw_statics(axes: PolarAxes, scene: Scene) -> None:
     around, low, high, _ = base_interval(scene)
     if len(around):
         axes.fill_between(np.deg2rad(around), low, high, color=CONTACT_COLOUR, alpha=0.18, linewidth=0)
-    axes.set_title("topples it (m/s²)")
+    axes.set_title("toppling acceleration (m/s²)")
     mark_winds(axes, emptiest_deg(azimuth_deg[:-1], value[:-1]))
 
 

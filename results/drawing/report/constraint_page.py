@@ -150,12 +150,13 @@ def _changes(statement: dict[str, Any], document: Document) -> list[Block]:
     }  # fmt: skip
     parts = []
     groups = by_site_and_measure(statement["changes"], statement["measure"])
+    several = len({site for site, _ in groups}) > 1
     for (site, measure), rows in list(groups.items())[:MOST_PANELS]:
         rated = [{**row, "rate": rate_words(row["annual_rate"])} for row in rows]
         table = _picked(rated, {"rate": "annual rate"} | names)
         caption = (
             f"{short_name(measure)} ({printed_unit(measure)}) exceeded at some annual rates"
-            f"{f' at {site}' if site else ''}: mean before and after, fractiles over the branches after. "
+            f"{f' at {site}' if several else ''}: mean before and after, fractiles over the branches after. "
             "Empty where the hazard does not reach, or fewer than ten events support the rate."
         )
         parts.append(document.table(table, caption))

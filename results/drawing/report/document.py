@@ -8,9 +8,6 @@ from matplotlib.figure import Figure
 
 from toppling.results.drawing.style import FULL_WIDTH_IN, HALF_WIDTH_IN, png_bytes
 
-_SCREEN_PX_PER_IN = 132
-"""At this scale a page-wide figure fills the page, and its letters match the surrounding text."""
-
 Block = str | dict[str, Any]
 Section = tuple[str, Sequence[Block]]
 """Title and blocks."""
@@ -38,7 +35,7 @@ class Document:
         narrow = png_bytes(draw(HALF_WIDTH_IN), self.remark) if width_in > HALF_WIDTH_IN else None
         self.figures += 1
         return block("figure", number=self.figures, png=wide, narrow=narrow, caption=caption,
-            width_px=round(_SCREEN_PX_PER_IN * width_in))  # fmt: skip
+            width_in=width_in)  # fmt: skip
 
     def table(self, frame: pd.DataFrame, caption: str) -> Block:
         """A numbered table."""

@@ -238,7 +238,7 @@ def test_a_run_without_answers_has_no_page(tmp_path):
     assert not (tmp_path / "report.html").exists()
 
 
-@pytest.mark.parametrize(("median", "told"), [(4.0, "median 4 m/s2"), (37.5, "median beyond 11 m/s2")])
+@pytest.mark.parametrize(("median", "told"), [(4.0, "median 4 m/s²"), (37.5, "median beyond 11 m/s²")])
 def test_a_median_beyond_the_strongest_shaking_is_told_by_that(median, told):
     rock = {"median": median, "beta": 0.4, "strongest_shaken": 11.0}
     assert fragility_words(rock, "pga_m_s2") == f"{told}, beta 0.40"

@@ -51,6 +51,9 @@ GAP_ALLOWED = 2.0 * math.sqrt(3.0) / 10216
 _RAISED, _NEAR = 0.05, 0.1
 """Of R: by how much PyBullet has the rock higher, and gaps up to which it looks for contacts."""
 
+_ABOVE = 1e-4
+"""Of the way from the points' middle to the centre of mass."""
+
 _MOST_WORLDS = 8
 """Worlds that a process keeps, as many as a worker keeps scenes; the least recently used one is rebuilt."""
 
@@ -194,8 +197,9 @@ def _build(client: int, contact: ContactModel) -> int:
         contactBreakingThreshold=_NEAR,  # over the radius of its bounding sphere
         physicsClientId=client,
     )
-    # With the centre of mass, which never touches, the points of one plane have a hull too.
-    corners = [*contact.points_body_m.tolist(), [0.0, 0.0, 0.0]]
+    # With a place just above their middle, the points of one plane have a hull too.
+    points_m = contact.points_body_m
+    corners = [*points_m.tolist(), ((1.0 - _ABOVE) * points_m.mean(axis=0)).tolist()]
     hull = pybullet.createCollisionShape(pybullet.GEOM_MESH, vertices=corners, physicsClientId=client)
     rock = pybullet.createMultiBody(1.0, hull, physicsClientId=client)
     plane = pybullet.createCollisionShape(

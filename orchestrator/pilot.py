@@ -63,7 +63,7 @@ def statics_of(scene: Scene) -> Statics:
     return Statics(least_m_s2, azimuth_deg)
 
 
-def spread_records(ensemble: Ensemble, count: int) -> list[str]:
+def _spread_records(ensemble: Ensemble, count: int) -> list[str]:
     """Select `count` records, evenly spaced in the ranks of PGV/PGA, from short to long pulses."""
     table = ensemble.catalog.sort_by([("pgv_pga_s", "ascending"), ("record_id", "ascending")])
     ids = table["record_id"].to_pylist()
@@ -95,7 +95,7 @@ def try_out(
     advance: called after each job.
     """
     assets = Assets(scene, ensemble)
-    records = spread_records(ensemble, RECORDS)
+    records = _spread_records(ensemble, RECORDS)
     duration = dict(
         zip(*(ensemble.catalog[name].to_pylist() for name in ("record_id", "duration_s")), strict=True)
     )

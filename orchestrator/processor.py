@@ -20,7 +20,7 @@ KERNEL_VARIABLES = ("OPENBLAS_CORETYPE", "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES")
 def processor() -> dict[str, str]:
     """Columns of a row that identify the processor's model and the kernels of BLAS and LLVM."""
     llvm = os.environ.get("NUMBA_CPU_NAME") or llvmlite.binding.get_host_cpu_name()
-    return {"cpu": _model(), "kernels": f"BLAS {blas_kernel()}, LLVM {llvm}"}
+    return {"cpu": _model(), "kernels": f"BLAS {_blas_kernel()}, LLVM {llvm}"}
 
 
 def unlike(kernels: Collection[str]) -> str:
@@ -49,7 +49,7 @@ def single_blas_thread() -> None:
     threadpool_limits(1, user_api="blas")
 
 
-def blas_kernel() -> str:
+def _blas_kernel() -> str:
     """Kernel selected by NumPy's OpenBLAS, or the name of another BLAS library."""
     loaded = [library for library in threadpool_info() if library["user_api"] == "blas"]
     for library in sorted(loaded, key=lambda library: "numpy.libs" not in library["filepath"]):

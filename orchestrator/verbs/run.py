@@ -260,11 +260,11 @@ def command_to_go_on(context: click.Context) -> str:
     for parameter in context.command.params:
         given = context.get_parameter_source(str(parameter.name)) is ParameterSource.COMMANDLINE
         if given and isinstance(parameter, click.Option) and parameter.name not in NOT_RESUMED:
-            words += as_given(parameter, context.params[str(parameter.name)])
+            words += _as_given(parameter, context.params[str(parameter.name)])
     return shlex.join(words)
 
 
-def as_given(option: click.Option, value: Any) -> list[str]:
+def _as_given(option: click.Option, value: Any) -> list[str]:
     """Words of a command for an option and its value."""
     if option.is_flag:
         return [option.opts[0] if value else option.secondary_opts[0]]

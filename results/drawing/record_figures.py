@@ -66,7 +66,7 @@ def records_figure(ensemble: Ensemble, width_in: float = FULL_WIDTH_IN) -> Figur
     return figure
 
 
-def upper_limit(values: Array) -> float:
+def _upper_limit(values: Array) -> float:
     """End of an axis from 0 that excludes outliers: the largest value within the fence, with a margin."""
     finite = values[np.isfinite(values)]
     if not len(finite):
@@ -89,7 +89,7 @@ def _log_limits(values: Array) -> tuple[float, float]:
 
 def scatter(axes: Axes, x: Array, y: Array, names: list[str], colour: object) -> None:
     """Scatter plot with a logarithmic y; outliers are triangles at the edge, named above the panel."""
-    end = upper_limit(x)
+    end = _upper_limit(x)
     bottom, top = _log_limits(y)
     inside = (x <= end) & (y >= bottom) & (y <= top)
     axes.scatter(x[inside], y[inside], s=12, alpha=0.75, color=colour, linewidths=0)

@@ -190,8 +190,8 @@ def draw_statics(axes: PolarAxes, scene: Scene) -> None:
     azimuth_deg, value = _statics_of(scene)
     azimuth = np.deg2rad(azimuth_deg)
     axes.plot(azimuth, value, color=CONTACT_COLOUR, lw=1.2)
-    axes.set_ylim(0, polar_reach_m_s2(value))
-    around, low, high, _ = base_interval(scene)
+    axes.set_ylim(0, _polar_reach_m_s2(value))
+    around, low, high, _ = _base_interval(scene)
     if len(around):
         axes.fill_between(np.deg2rad(around), low, high, color=CONTACT_COLOUR, alpha=0.18, linewidth=0)
     axes.set_title("toppling acceleration (m/s²)")
@@ -201,10 +201,10 @@ def draw_statics(axes: PolarAxes, scene: Scene) -> None:
 def statics_words(scene: Scene) -> str:
     """What the picture of the statics shows, for the text beside it."""
     _, value = _statics_of(scene)
-    around, *_, level = base_interval(scene)
+    around, *_, level = _base_interval(scene)
     bands = [
         *([f"blue band: {100 * level:.0f} % of possible bases"] if len(around) else []),
-        *beyond_frame(value),
+        *_beyond_frame(value),
     ]
     return "; ".join(
         [
@@ -214,7 +214,7 @@ def statics_words(scene: Scene) -> str:
     )
 
 
-def base_interval(scene: Scene) -> tuple[Array, Array, Array, float]:
+def _base_interval(scene: Scene) -> tuple[Array, Array, Array, float]:
     """Azimuths (closed), lower and upper toppling acceleration over the drawn bases, and the interval's probability.
 
     Empty for a scene whose base was not drawn.
@@ -230,15 +230,15 @@ def base_interval(scene: Scene) -> tuple[Array, Array, Array, float]:
     return azimuth, low, high, float(found["level"])
 
 
-def polar_reach_m_s2(value: Array) -> float:
+def _polar_reach_m_s2(value: Array) -> float:
     """Radius of the statics' plot, m/s²; a few azimuths with much higher values leave it."""
     positive = value[np.isfinite(value) & (value > 0.0)]
     return float(min(2.0 * np.median(positive), positive.max()) * 1.05) if len(positive) else 1.0
 
 
-def beyond_frame(value: Array) -> list[str]:
+def _beyond_frame(value: Array) -> list[str]:
     """Caption line on values beyond the frame; empty if there are none."""
-    reach = polar_reach_m_s2(value)
+    reach = _polar_reach_m_s2(value)
     return [f"beyond the frame: more than {reach:.3g} m/s²"] if (value > reach).any() else []
 
 

@@ -22,7 +22,7 @@ AFTER_FALL_S = 1.0
 """Duration of ground motion shown after the end of the rock's fall, s."""
 
 
-def trajectory_figure(
+def _trajectory_figure(
     table: pd.DataFrame,
     motion: Motion,
     title: str,
@@ -93,7 +93,7 @@ def write_replay(replay: Replay, folder: Path, title: str) -> Iterator[Path]:
         pq.write_table(table, hidden, compression="zstd")
     yield folder / "trajectory.parquet"
     yield write_csv(frame, folder / "trajectory.csv", digits=7)
-    figure = trajectory_figure(frame, replay.motion, title, replay.topple_time_s)
+    figure = _trajectory_figure(frame, replay.motion, title, replay.topple_time_s)
     yield from save(figure, folder / "trajectory")
     yield write_text(replay_page(replay, title), folder / "replay.html")
     with new_file(folder / "replay.gif") as hidden:

@@ -11,6 +11,7 @@ import pytest
 from answers import sorted_answers
 from reference.idealised import ricker
 
+import toppling
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
@@ -120,14 +121,20 @@ def faults(faults_file):
     told.clear()
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def client(faults_file):
-    """Two real worker processes."""
+    """Two real worker processes, which all tests share that need no workers of their own."""
     import dask
 
     dask.config.refresh()
     with local(2) as client:
         yield client
+
+
+@pytest.fixture(scope="session")
+def whole(inputs, client, tmp_path_factory):
+    """The run of all jobs that nothing disturbed, on real workers, as Python hands it back."""
+    return toppling.run(inputs / "campaign.toml", tmp_path_factory.mktemp("whole") / "run", cluster=client)
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""Workers that see nothing of the client's disk are sent what they need, once a host."""
+"""Workers that this machine does not start as its own: what they lack is sent, once a host, or told."""
 
 import contextlib
 import json
@@ -14,13 +14,15 @@ from pathlib import Path
 import pytest
 from answers import answers_of
 from conftest import can_mount
+from distributed import Client
 from refusals import refused
 
 from toppling.models.compiled import FOLDER
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
-from toppling.orchestrator.admission import check_workers
+from toppling.orchestrator.admission import check_workers, make_ready
 from toppling.orchestrator.cluster import existing
+from toppling.orchestrator.leaving import leaving_in_order
 from toppling.orchestrator.plan import plan_of
 from toppling.orchestrator.run import run
 from toppling.orchestrator.task import RunKey, versions
@@ -28,8 +30,7 @@ from toppling.workers.shake import compile_once
 
 PATIENCE_S = 60.0
 
-
-pytestmark = pytest.mark.skipif(not can_mount(), reason="only root can give a process mounts of its own")
+hides_files = pytest.mark.skipif(not can_mount(), reason="only root can give a process mounts of its own")
 
 
 def dask(role, *arguments):
@@ -105,6 +106,7 @@ def host_folders():
         yield Path(folder)
 
 
+@hides_files
 @pytest.mark.thorough
 def test_workers_that_see_none_of_the_clients_disk_give_the_same_rows(
     scheduler, campaign, inputs, undisturbed, tmp_path, host_folders
@@ -127,6 +129,7 @@ def test_workers_that_see_none_of_the_clients_disk_give_the_same_rows(
         assert kept == {Scene.load(campaign.scene).id, Ensemble.load(campaign.ensemble).id}
 
 
+@hides_files
 def test_what_a_host_keeps_is_not_believed_when_it_is_something_else(
     scheduler, planned, inputs, tmp_path, host_folders
 ):
@@ -142,6 +145,7 @@ def test_what_a_host_keeps_is_not_believed_when_it_is_something_else(
         assert Scene.load(place).id == planned.scene_id
 
 
+@hides_files
 @pytest.mark.thorough
 def test_a_run_goes_on_with_a_scheduler_that_is_killed_and_started_again_at_its_address(
     campaign, inputs, undisturbed, tmp_path, host_folders
@@ -165,3 +169,29 @@ def test_a_run_goes_on_with_a_scheduler_that_is_killed_and_started_again_at_its_
         assert [each.poll() for each in workers] == [None, None]  # they came back by themselves
     assert (progress.deaths, progress.failed) == (0, 0)
     assert answers_of(tmp_path / "run") == undisturbed
+
+
+BLOCKING = """\
+import sys
+
+class Absent:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] == "toppling":
+            raise ModuleNotFoundError(f"No module named {name!r}")
+
+sys.meta_path.insert(0, Absent())
+"""
+
+
+def test_a_worker_without_the_program_is_refused_before_any_job(scheduler, tmp_path, planned, inputs):
+    (tmp_path / "sitecustomize.py").write_text(BLOCKING)
+    address = json.loads(scheduler.read_text())["address"]
+    command = dask("dask_worker", address, "--nthreads", 1, "--no-dashboard", "--no-nanny")
+    run_key = RunKey(str(inputs), planned.scene_id, planned.ensemble_id, versions())
+    with (
+        running(command, env=bare_environment(PYTHONPATH=str(tmp_path)), cwd=tmp_path),
+        Client(address) as client,
+    ):
+        client.wait_for_workers(1, timeout=PATIENCE_S)
+        with refused("cluster.workers_unfit", "No module named"), leaving_in_order(client):  # as a run does
+            make_ready(client, run_key)

@@ -6,22 +6,16 @@ from refusals import refused
 import toppling
 
 
-@pytest.fixture(scope="module")
-def done(inputs, client, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("functions") / "run"
-    return toppling.run(inputs / "campaign.toml", folder, cluster=client)
-
-
-def test_a_plan_has_the_jobs_of_the_run(inputs, done):
+def test_a_plan_has_the_jobs_of_the_run(inputs, whole):
     planned = toppling.plan(inputs / "campaign.toml")
-    ids = toppling.query(done.run, "select job_id from results order by all")["job_id"].to_pylist()
+    ids = toppling.query(whole.run, "select job_id from results order by all")["job_id"].to_pylist()
     assert sorted(planned.jobs["job_id"].to_pylist()) == ids
-    assert (len(ids), done.session.done, done.session.failed) == (72, 72, 0)
+    assert (len(ids), whole.session.done, whole.session.failed) == (72, 72, 0)
 
 
-def test_fragility_hands_back_its_files_and_fits(done, tmp_path):
+def test_fragility_hands_back_its_files_and_fits(whole, tmp_path):
     drawn = toppling.fragility(
-        done.run, tmp_path, where="friction_static = 0.9", directions=4, fit=True, samples=20
+        whole.run, tmp_path, where="friction_static = 0.9", directions=4, fit=True, samples=20
     )
     assert len(drawn.jobs) == 36
     assert drawn.files
@@ -30,20 +24,20 @@ def test_fragility_hands_back_its_files_and_fits(done, tmp_path):
     assert "pga_m_s2" in set(fits["measures"])
 
 
-def test_constrain_states_what_it_writes(done, tmp_path):
+def test_constrain_states_what_it_writes(whole, tmp_path):
     stated = toppling.constrain(
-        [done.folder], where="friction_static = 0.9", age=["20000"], measure="pga_m_s2"
+        [whole.folder], where="friction_static = 0.9", age=["20000"], measure="pga_m_s2"
     )
     assert "95 %" in stated.text
     stated.write(tmp_path)
     assert (tmp_path / stated.page).exists()
     with refused("age.needed"):
-        toppling.constrain([done.folder], hazard=["curve.csv"])
+        toppling.constrain([whole.folder], hazard=["curve.csv"])
 
 
 @pytest.mark.thorough
-def test_a_report_is_one_page(done, tmp_path):
-    written = toppling.report(done.run, tmp_path / "report.html", samples=20)
+def test_a_report_is_one_page(whole, tmp_path):
+    written = toppling.report(whole.run, tmp_path / "report.html", samples=20)
     assert "</html>" in written.page.read_text("utf-8")
     assert written.pdf is None
 

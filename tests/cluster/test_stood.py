@@ -10,6 +10,7 @@ from click.testing import CliRunner
 from reference.idealised import ricker
 from refusals import refused
 
+from toppling import run
 from toppling.models.errors import InputError
 from toppling.models.hidden_base.draws import BaseDraw, UnseenBase
 from toppling.models.motions.ensemble import Ensemble
@@ -67,9 +68,8 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def plain(folder):
-    toppling("run", folder / "plain.toml", "--out", folder / "run", "--workers", 2, "--no-estimate")
-    return folder / "run"
+def plain(folder, client):
+    return run(folder / "plain.toml", folder / "run", cluster=client).folder
 
 
 @pytest.mark.thorough
@@ -94,11 +94,14 @@ def test_a_motion_weighs_bases_by_how_often_the_rock_stood_it_as_it_was_recorded
 
 
 @pytest.mark.thorough
-def test_a_campaigns_weights_are_the_same_on_any_number_of_workers_and_as_constrain_finds_them(folder, plain):
-    for workers in (1, 2):
-        out = folder / f"strong-{workers}"
-        done = toppling("run", folder / "strong.toml", "--out", out, "--workers", workers, "--no-estimate")
-        assert "say as much as 1.1 equal ones" in done.output
+def test_a_campaigns_weights_are_the_same_on_any_number_of_workers_and_as_constrain_finds_them(
+    folder, plain, client
+):
+    run(folder / "strong.toml", folder / "strong-2", cluster=client)
+    told = toppling(
+        "run", folder / "strong.toml", "--out", folder / "strong-1", "--workers", 1, "--no-estimate"
+    )
+    assert "say as much as 1.1 equal ones" in told.output
     one, two = (open_run(folder / f"strong-{workers}") for workers in (1, 2))
     ((weights,), (again,)) = (run.weights().by_contact.values() for run in (one, two))
     assert (weights == again).all()
@@ -127,9 +130,8 @@ def test_a_campaigns_weights_are_the_same_on_any_number_of_workers_and_as_constr
         toppling("run", folder / "strong.toml", "--out", one.path, "--no-estimate")
 
 
-def test_a_motion_of_unknown_azimuth_shakes_from_all_sides(folder):
-    out = folder / "unoriented-run"
-    toppling("run", folder / "unoriented.toml", "--out", out, "--workers", 2, "--no-estimate")
+def test_a_motion_of_unknown_azimuth_shakes_from_all_sides(folder, client):
+    out = run(folder / "unoriented.toml", folder / "unoriented-run", cluster=client).folder
     shakes = open_run(out / FOLDER / "from_all_sides" / "run").frame()
     assert sorted(shakes["azimuth_deg"].unique()) == [45.0 * number for number in range(8)]
     (weights,) = Weights.read(out).by_contact.values()

@@ -14,7 +14,6 @@ from answers import answers_of
 from conftest import STILLBORN_VARIABLE
 from refusals import refused
 
-from toppling.orchestrator import run as running
 from toppling.orchestrator.admission import check_workers
 from toppling.orchestrator.cluster import local
 from toppling.orchestrator.context import RunError
@@ -25,14 +24,14 @@ from toppling.orchestrator.status import state_of
 from toppling.orchestrator.task import RunKey, versions
 
 
-def test_two_workers_give_the_rows_of_one_process_bit_for_bit(carry_out, undisturbed, tmp_path):
-    progress = carry_out(tmp_path / "run")
-    assert answers_of(tmp_path / "run") == undisturbed
-    assert (progress.done, progress.failed, progress.before) == (len(undisturbed), 0, 0)
-    assert state_of(tmp_path / "run")["state"] == "complete"
-    kept = json.loads(pq.read_schema(tmp_path / "run" / "results.parquet").metadata[b"run.json"])
-    assert [(one["ended"], one["done"]) for one in kept["sessions"]] == [("complete", progress.done)]
-    told = [json.loads(line) for line in (tmp_path / "run" / "run.log").read_text().splitlines()]
+def test_two_workers_give_the_rows_of_one_process_bit_for_bit(whole, undisturbed):
+    assert answers_of(whole.folder) == undisturbed
+    session = whole.session
+    assert (session.done, session.failed, session.before) == (len(undisturbed), 0, 0)
+    assert state_of(whole.folder)["state"] == "complete"
+    kept = json.loads(pq.read_schema(whole.folder / "results.parquet").metadata[b"run.json"])
+    assert [(one["ended"], one["done"]) for one in kept["sessions"]] == [("complete", session.done)]
+    told = [json.loads(line) for line in (whole.folder / "run.log").read_text().splitlines()]
     assert (told[0]["event"], told[0]["jobs"]) == ("session began", len(undisturbed))
     ended = ("session ended", "complete", len(undisturbed))
     assert (told[-1]["event"], told[-1]["how"], told[-1]["done"]) == ended
@@ -40,25 +39,19 @@ def test_two_workers_give_the_rows_of_one_process_bit_for_bit(carry_out, undistu
     assert len({row["outcome"] for row in undisturbed}) > 1, "the ensemble must not be trivial"
 
 
-def test_an_interrupted_run_goes_on_where_it_stopped(carry_out, undisturbed, tmp_path, faults):
+def test_a_run_that_is_stopped_goes_on_where_it_was_and_killed_workers_cost_it_no_job(
+    carry_out, client, undisturbed, tmp_path, faults
+):
     def stop_after_ten(progress):
         if progress.done >= 10:
             raise KeyboardInterrupt
 
-    faults.set(every={"kind": "wait", "seconds": 0.05})
+    faults.set(every={"kind": "wait", "seconds": 0.2})
     with pytest.raises(KeyboardInterrupt):
         carry_out(tmp_path / "run", stop_after_ten)
     stored = state_of(tmp_path / "run")["stored"]
     assert state_of(tmp_path / "run")["state"] == "interrupted"
     assert 10 <= stored < len(undisturbed)
-    faults.clear()
-    progress = carry_out(tmp_path / "run")
-    assert (progress.before, progress.done) == (stored, len(undisturbed) - stored)
-    assert answers_of(tmp_path / "run") == undisturbed
-
-
-def test_killed_workers_cost_no_job(carry_out, client, undisturbed, tmp_path, faults):
-    faults.set(every={"kind": "wait", "seconds": 0.2})
     killed = []
 
     def kill(progress):
@@ -74,6 +67,7 @@ def test_killed_workers_cost_no_job(carry_out, client, undisturbed, tmp_path, fa
     progress = carry_out(tmp_path / "run", kill)
     assert len(killed) == 2
     assert progress.deaths >= 1
+    assert (progress.before, progress.done) == (stored, len(undisturbed) - stored)
     assert answers_of(tmp_path / "run") == undisturbed
 
 
@@ -109,24 +103,6 @@ def test_a_run_whose_workers_die_whenever_they_start_ends_within_seconds_and_say
     assert all("SIGKILL" in one["why"] and not one["joined"] for one in deaths)
     run(plan_of(campaign), tmp_path / "run", local(2), lambda progress: None)
     assert answers_of(tmp_path / "run") == undisturbed
-
-
-def test_a_part_that_is_lost_as_the_parts_are_merged_is_done_again(
-    carry_out, undisturbed, tmp_path, monkeypatch, caplog
-):
-    merge, torn = running.compact, []
-
-    def tear_and_merge(run):
-        if not torn:  # after its rows were counted
-            torn.append(next((run / "parts").glob("part-*")))
-            torn[0].write_bytes(torn[0].read_bytes()[:50])
-        return merge(run)
-
-    monkeypatch.setattr(running, "compact", tear_and_merge)
-    carry_out(tmp_path / "run")
-    assert "rows were lost after they were stored" in caplog.text
-    assert answers_of(tmp_path / "run") == undisturbed
-    assert json.loads((tmp_path / "run" / "run.json").read_text())["sessions"][-1]["ended"] == "complete"
 
 
 @pytest.mark.slow

@@ -73,22 +73,19 @@ def test_the_trap_works_on_a_python_that_is_started_carelessly(hostile):
     assert "colorsys" in executed(mark)
 
 
-@pytest.mark.thorough
-def test_no_module_of_the_working_folder_is_executed_by_a_run(hostile):
+@pytest.mark.parametrize(
+    "compiled",
+    [pytest.param(True, marks=pytest.mark.thorough), pytest.param(False, marks=pytest.mark.slow)],
+    ids=["compiled", "not yet"],
+)
+def test_no_module_of_the_working_folder_is_executed_by_a_run(compiled, hostile, tmp_path):
     folder, mark = hostile
-    done = call(folder, "run", "campaign.toml", "--out", "run", "--workers", "2")
+    cache = {} if compiled else {"TOPPLING_CACHE": str(tmp_path / "cache")}
+    done = call(folder, "run", "campaign.toml", "--out", "run", "--workers", "2", **cache)
     assert done.returncode == 0, done.stderr
+    assert compiled or "compiling" in done.stderr
     assert executed(mark) == []
     assert "72" in call(folder, "query", "run", "select count(*) n from results where status = 'ok'").stdout
-    assert executed(mark) == []
-
-
-@pytest.mark.slow
-def test_no_module_of_the_working_folder_is_executed_where_the_inner_loop_is_compiled(hostile, tmp_path):
-    folder, mark = hostile
-    done = call(folder, "run", "campaign.toml", "--out", "run", TOPPLING_CACHE=str(tmp_path / "cache"))
-    assert done.returncode == 0, done.stderr
-    assert "compiling" in done.stderr
     assert executed(mark) == []
 
 

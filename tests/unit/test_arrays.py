@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from toppling.models.arrays import bounds_of, distinct, inside_box, inside_cylinder, numbered
+from toppling.models.arrays import inside_box, inside_cylinder, numbered
 
 
 @pytest.fixture
@@ -20,25 +20,11 @@ def test_places_and_counts_are_those_of_sorting_however_wide_the_numbers_are_spr
     np.testing.assert_array_equal(found[1], count)
 
 
-def test_no_numbers_have_no_place():
-    assert [len(each) for each in numbered(np.zeros(0, np.int64))] == [0, 0]
-
-
-def test_each_value_is_distinct_once():
-    values = np.random.default_rng(2).integers(0, 40, 500) / 8.0
-    np.testing.assert_array_equal(distinct(values), np.unique(values))
-    assert len(distinct(values[:0])) == 0
-
-
 def test_a_box_holds_what_lies_between_its_corners_along_every_axis(points):
     low, high = np.array([-0.5, -1.0, 0.0]), np.array([0.5, 2.0, 1.0])
     inside = ((points > low) & (points < high)).all(axis=1)
     assert 0 < inside.sum() < len(points)
     np.testing.assert_array_equal(inside_box(points, low, high), inside)
-
-
-def test_bounds_are_the_least_and_the_largest_of_each_column(points):
-    np.testing.assert_array_equal(bounds_of(points), [points.min(axis=0), points.max(axis=0)])
 
 
 @pytest.mark.parametrize("at_once", [7, 10_000])

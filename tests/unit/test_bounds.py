@@ -1,11 +1,8 @@
 """What a document asks for is bounded before it is made: each refused by name, at once, in little memory."""
 
 import json
-import re
 import time
 import tracemalloc
-from contextlib import suppress
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,11 +19,8 @@ from toppling.models.scene import Scene
 from toppling.models.shapes import box
 from toppling.orchestrator.campaign import MOST_JOBS, Campaign
 from toppling.orchestrator.run_folder import describe
-from toppling.orchestrator.site_table import read_sites
 from toppling.results.analysis.exchange import read_curves
-from toppling.results.hazard.ages import parse_age
 from toppling.results.hazard.readers import read_hazard
-from toppling.results.hazard.readers.event_sets import read_events
 from toppling.results.reader import open_run
 
 SECONDS, MEMORY_BYTES = 1.0, 300e6
@@ -103,11 +97,6 @@ def test_what_a_file_asks_for_is_refused_by_name_before_it_is_made(tmp_path, rea
     said = refusal(read, path)
     assert str(path) in said
     assert [each for each in named if each not in said] == []
-
-
-def test_a_list_of_more_values_than_an_axis_has_is_refused(tmp_path):
-    axes = {"pga_m_s2": [1 + i * 1e-6 for i in range(60_000)], "azimuth_deg": [0], "friction": [0.8]}
-    assert "pga_m_s2: 60000 values" in refusal(Campaign.of, {"scene": "s", "ensemble": "e", **axes}, tmp_path)
 
 
 def test_jobs_are_counted_before_any_is_made(tmp_path):
@@ -187,45 +176,6 @@ def test_a_run_that_lacks_or_mistypes_a_value_is_refused_by_its_key(tmp_path, ke
     del told[key]
     (tmp_path / "run.json").write_text(json.dumps(told))
     tells(refusal(describe, tmp_path), "document.value_missing", key)
-
-
-def peak_bytes():
-    return int(re.search(r"VmHWM:\s+(\d+)", Path("/proc/self/status").read_text())[1]) * 1024
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize(
-    ("read", "header", "row"),
-    [
-        (read_table, "h1,h2", "a,b"),
-        (read_table, f"h1,h2{',c' * 10_000}", "a,b"),
-        (read_deaggregation, "magnitude,distance,contribution", "5,9,1"),
-        (read_deaggregation, f"magnitude,distance,contribution{',c' * 10_000}", "5,9,1"),
-        (read_sites, "scene,friction", "rocks/a,0.7"),
-        (read_sites, f"scene,friction{',c' * 10_000}", "rocks/a,0.7"),
-        (read_curves, "measure,median,beta", "pga_m_s2,1,1"),
-        (read_curves, f"measure,median,beta{',c' * 10_000}", "pga_m_s2,1,1"),
-        (read_hazard, "pga_m_s2,annual_rate", "1,1"),
-        (parse_age, "years", "9"),
-        (read_events, "annual_rate,PGA (g),PGV (cm/s)", "0,1,1"),
-        (read_events, f"annual_rate,PGA (g),PGV (cm/s){',c' * 10_000}", "0,1,1"),
-    ],
-)
-def test_a_table_takes_at_most_a_hundred_times_its_size_however_its_rows_are_filled(
-    tmp_path, read, header, row
-):
-    path, size = tmp_path / "table.csv", 200_000
-
-    def take(rows):
-        path.write_text("\n".join([header, *[row] * rows, ""]))
-        with suppress(InputError):
-            read(path if read is not parse_age else str(path))
-
-    take(3)  # what its modules need is not the table's
-    Path("/proc/self/clear_refs").write_text("5")
-    resting = peak_bytes()
-    take((size - len(header)) // (len(row) + 1))
-    assert peak_bytes() - resting <= 100 * size
 
 
 @pytest.mark.parametrize("step_s", [1e308, 1e-300, 1e5, 0.0, float("nan")])

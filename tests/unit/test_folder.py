@@ -6,14 +6,9 @@ import resource
 
 import pyarrow as pa
 import pytest
-from refusals import refused
 
 from toppling.models.files.folder import named_beside, new_file, new_folder
 from toppling.models.files.tables import write_table
-from toppling.models.scene import Scene
-from toppling.orchestrator.status import state_of
-from toppling.orchestrator.verbs.watch import watching
-from toppling.results.reader import open_run
 
 
 def test_a_folder_has_its_name_only_when_all_is_written(tmp_path):
@@ -55,27 +50,6 @@ def test_a_name_in_a_table_is_found_whether_or_not_its_accents_stand_apart(tmp_p
     assert named_beside(tmp_path, f"{together}/\u00e4.csv").exists()
     assert named_beside(tmp_path, f"{together}/none.csv") == tmp_path / apart / "none.csv"
     assert named_beside(tmp_path, "nowhere/\u00e4.csv") == tmp_path / "nowhere/\u00e4.csv"
-
-
-@pytest.mark.parametrize(
-    ("given", "said"),
-    [
-        ("scene", "this is a scene"),
-        ("ensemble", "this is an ensemble"),
-        ("ensemble/catalog.parquet", "an ensemble"),
-        ("", ""),
-    ],
-)
-def test_what_is_given_for_a_run_is_named(given, said, tmp_path):
-    Scene.block(0.2, 0.2, 0.6, friction=0.8).save(tmp_path / "scene")
-    (tmp_path / "ensemble").mkdir()
-    (tmp_path / "ensemble" / "catalog.parquet").write_bytes(b"")
-    for use in (open_run, state_of, lambda place: watching(place, tmp_path)):
-        with refused("run.absent", said if use is open_run else ""):
-            use(tmp_path / given)
-    if given != "scene":
-        with refused("scene.absent", said):
-            Scene.load(tmp_path / given)
 
 
 def _text(target):

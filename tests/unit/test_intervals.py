@@ -23,15 +23,6 @@ def report(**more):
     }  # fmt: skip
 
 
-def test_an_interval_is_said_and_not_a_value():
-    first, second = base_sentences(report())
-    assert "3.60 to 4.40 m/s²" in first
-    assert "width is 20 % of its median" in first
-    assert "3 to 7 places touch" in second
-    assert "± 0.1, 0.1, 0.1 m (x, y, z) in 90 % of these bases" in second
-    assert "vertical" not in second  # a reach over all azimuths tells nothing
-
-
 @pytest.mark.parametrize(
     ("before", "does"),
     [(0.5, "narrows the interval"), (0.1, "widens the interval"), (0.208, "leaves the interval as it was")],
@@ -42,11 +33,6 @@ def test_what_an_inspection_does_to_the_interval_is_said_as_it_is_with_both_widt
     assert f"its width is 20 % of its median, {100 * before:.0f} % without" in told
 
 
-def test_nothing_is_said_of_an_inspection_without_a_comparison():
-    assert not any("inspection" in said for said in base_sentences(report()))
-    assert "no base agreed" in base_sentences(report(without_inspection=None))[2]
-
-
 @pytest.mark.parametrize(
     ("distinct", "warned"), [(1, "1 distinct base among"), (2, "2 distinct bases"), (28, "")]
 )
@@ -55,22 +41,11 @@ def test_few_distinct_bases_are_a_warning(distinct, warned):
     assert [warned in said for said in warnings] == ([True] if warned else [])
 
 
-def test_a_contradiction_with_standing_is_a_warning_that_says_it():
-    said = base_sentences({"unseen_base": {"level": 0.9, "contradiction": "daylight everywhere"}})
-    assert len(said) == 1
-    assert said[0].startswith("warning")
-    assert "daylight everywhere" in said[0]
-
-
 def test_a_nominal_scene_that_is_not_at_rest_is_a_warning_and_one_on_its_smooth_base_is_not():
     assert not any(
         "warning" in said for said in base_sentences(report(nominal_draw=None, nominal_at_rest=True))
     )
     assert any("warning" in said for said in base_sentences(report(nominal_draw=None, nominal_at_rest=False)))
-
-
-def test_a_scene_without_draws_says_nothing():
-    assert base_sentences({}) == []
 
 
 def test_the_width_of_a_table_is_the_median_over_azimuths():

@@ -4,16 +4,8 @@ import gc
 import pickle
 import weakref
 
-import numpy as np
-
 from toppling.models.ground.points import contact_of
-from toppling.models.kept import MOST, kept
 from toppling.models.scene import Scene
-
-
-@kept
-def scaled(scene, factor=1):
-    return np.full(1, scene.gravity_m_s2 * factor)
 
 
 def test_an_answer_is_worked_out_once_for_an_object_and_anew_for_its_equal():
@@ -21,17 +13,6 @@ def test_an_answer_is_worked_out_once_for_an_object_and_anew_for_its_equal():
     assert contact_of(one) is contact_of(one)
     assert contact_of(one) is not contact_of(equal)
     assert contact_of(one.with_friction(0.5)) is not contact_of(one)
-
-
-def test_of_each_function_the_answers_that_were_asked_for_last_are_kept():
-    scene = Scene.block(0.1, 0.1, 0.3)
-    first, second = scaled(scene, 0), scaled(scene, 1)
-    for factor in range(2, MOST + 1):
-        assert scaled(scene, 0) is first
-        scaled(scene, factor)
-    assert scaled(scene, 0) is first
-    assert scaled(scene, 1) is not second
-    assert scaled(scene, 1) == second
 
 
 def test_answers_go_with_their_object_and_stay_behind_when_it_is_sent_elsewhere():

@@ -63,24 +63,6 @@ def keys(count):
 
 
 @pytest.mark.parametrize(
-    "text",
-    [
-        f"# {'.' * 58}\na = 1",
-        f"a = 1 # {keys(70)}",
-        f'a = "{keys(70)}"',
-        f"a = '{keys(70)}'",
-        f'a = """\n{keys(70)}\n{keys(70)}"""\nb = 2',
-        f"a = '''\n# {keys(70)}'''",
-        f'"{keys(70)}" = 1',
-        'a = "quoted \\" # no remark"\nb = 1',
-    ],
-)
-def test_dots_in_remarks_and_texts_of_toml_are_no_key(tmp_path, text):
-    (tmp_path / "campaign.toml").write_text(text)
-    assert read_toml(tmp_path / "campaign.toml")
-
-
-@pytest.mark.parametrize(
     "text", [f"{keys(60)} = 1", f'a = "#"\n{keys(60)} = 1', f"[{keys(60)}]", f"a = {{{keys(60)} = 1}}"]
 )
 def test_a_key_of_too_many_parts_is_refused(tmp_path, text):

@@ -5,7 +5,6 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 from reference.idealised import ricker
@@ -14,18 +13,13 @@ from scipy.spatial.transform import Rotation
 from toppling.models.frames import horizontal_unit_vector, plane_normal
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.record import Record
-from toppling.models.scan.survey import Survey
 from toppling.models.scene import Scene
 from toppling.models.settling import Settling
 from toppling.models.shapes import box
 from toppling.orchestrator.campaign import Campaign
-from toppling.orchestrator.cli import cli
 from toppling.orchestrator.plan import plan_of
 from toppling.orchestrator.run import run
 from toppling.orchestrator.run_folder import describe
-from toppling.orchestrator.settling_notes import draw_settling, settling_notes
-from toppling.orchestrator.verbs.scan import scan
-from toppling.results.drawing import roses as drawing
 from toppling.results.reader import open_run
 
 ROCK = box(0.3, 0.2, 0.5).moved(np.eye(3), (0.4, -0.3, 0.5))
@@ -89,15 +83,6 @@ def campaigns(tmp_path_factory):
     return folder
 
 
-def test_the_plan_says_by_how_much_a_rock_settles_and_nothing_of_one_that_stands(campaigns):
-    leans, stands = (
-        CliRunner().invoke(cli, ["plan", str(campaigns / f"{name}.toml")]).stdout
-        for name in ("leans", "stands")
-    )
-    assert TOLD in leans.splitlines()
-    assert "settles" not in stands
-
-
 @pytest.mark.parametrize(("name", "said"), [("leans", TOLD), ("stands", None)])
 def test_a_run_keeps_and_says_by_how_much_its_rock_settles(campaigns, tmp_path, caplog, name, said):
     def refuse(_):
@@ -111,58 +96,3 @@ def test_a_run_keeps_and_says_by_how_much_its_rock_settles(campaigns, tmp_path, 
     logged = [json.loads(line) for line in (tmp_path / "run" / "run.log").read_text().splitlines()]
     for events in ([entry["event"] for entry in logged], caplog.messages):
         assert [event for event in events if "settles" in event] == ([said] if said else [])
-
-
-@pytest.mark.parametrize(
-    ("tilt_deg", "said"), [(1.0, TOLD), (40.0, "warning: left alone, the rock does not stand"), (0.0, "")]
-)
-def test_a_scan_is_written_and_says_how_its_rock_stands(monkeypatch, tmp_path, tilt_deg, said):
-    found = Survey(leaning(tilt_deg), np.zeros(0, np.int8))
-    monkeypatch.setattr("toppling.orchestrator.public.making.read_clouds", lambda *_: None)
-    monkeypatch.setattr("toppling.orchestrator.public.making.survey", lambda *_: found)
-    done = CliRunner().invoke(scan, ["a.laz", "--out", str(tmp_path / "a")], catch_exceptions=False)
-    assert Scene.load(tmp_path / "a").id == found.scene.id
-    told = done.stdout.splitlines()[1:]
-    assert len(told) == {1.0: 3, 40.0: 1, 0.0: 0}[tilt_deg]
-    assert "".join(told).startswith(said)
-    assert (tmp_path / "a" / "settling.png").exists() == (tilt_deg == 1.0)
-
-
-def scanned(tilt_deg):
-    """As :func:`leaning`, with a report as a scan has it."""
-    outline = [[x, y, 0.0] for x, y in ((-0.3, -0.2), (0.3, -0.2), (0.3, 0.2), (-0.3, 0.2))]
-    return dataclasses.replace(leaning(tilt_deg), report={"interface": {"outline_m": outline}})
-
-
-def test_a_large_settling_says_what_it_means_which_points_carry_and_what_to_do(tmp_path):
-    told = settling_notes(scanned(2.0))
-    assert "no scanner saw the base" in told[1]
-    assert "stands on 4 contact points" in told[1]
-    # Of the block that lies flat, by the closed form.
-    assert f"topples it is {9.81 * 0.2 / 0.5:.3g} m/s2" in told[1]
-    assert "--point" in told[2]
-    assert "--outline" in told[2]
-    assert "turn it" in settling_notes(leaning(2.0))[2]
-
-
-def test_a_small_settling_is_told_and_not_explained_or_drawn(tmp_path):
-    assert len(settling_notes(scanned(0.3))) == 1
-    assert not draw_settling(scanned(0.3), tmp_path / "settling.png")
-    assert not (tmp_path / "settling.png").exists()
-
-
-def test_a_large_settling_is_drawn_from_both_poses(tmp_path, monkeypatch):
-    shown = {}
-    monkeypatch.setattr(drawing.Figure, "savefig", lambda figure, path, **_: shown.update(lines_of(figure)))
-    assert draw_settling(scanned(4.0), tmp_path / "settling.png")
-    assert len(shown["4 contact points once settled"]) == len(shown["contact as scanned"]) == 5
-    at_east = shown["topples once settled"][0, 1]
-    assert at_east == pytest.approx(9.81 * 0.3 / 0.5, rel=1e-4)
-    # As scanned it stands on the whole outline, its centre of mass higher.
-    height_m = 0.5 * np.cos(np.deg2rad(4.0)) + 0.3 * np.sin(np.deg2rad(4.0))
-    assert shown["topples on the contact as scanned"][0, 1] == pytest.approx(9.81 * 0.3 / height_m)
-
-
-def lines_of(figure):
-    lines = [line for axes in figure.axes for line in axes.get_lines()]
-    return {line.get_label(): np.column_stack(line.get_data()) for line in lines}

@@ -69,11 +69,6 @@ def test_no_verb_runs_what_a_record_says(trap, tmp_path):
         assert not mark.exists(), words
 
 
-def test_only_formats_that_are_parsed_are_read():
-    assert "PICKLE" not in seismic.FORMATS
-    assert all(callable(seismic.recogniser(name)) for name in seismic.FORMATS)
-
-
 def test_station_xml_names_no_other_file(tmp_path):
     secret = tmp_path / "secret"
     secret.write_text("of another account")
@@ -102,6 +97,11 @@ def test_a_mesh_of_a_format_that_is_not_listed_is_refused(tmp_path, name):
     (tmp_path / name).write_bytes(b"anything")
     with refused("mesh.format_unknown"):
         read_triangles(tmp_path / name)
+
+
+def test_only_formats_that_are_parsed_are_read():
+    assert "PICKLE" not in seismic.FORMATS
+    assert all(callable(seismic.recogniser(name)) for name in seismic.FORMATS)
 
 
 @pytest.mark.thorough

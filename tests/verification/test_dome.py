@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
+from test_ground import block
 
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
@@ -37,8 +38,7 @@ def sphere(x, y):
 
 def block_on(surface, yaw_deg=0.0, friction=1.5):
     turn = Rotation.from_euler("z", yaw_deg, degrees=True).as_matrix()
-    rock = box(HALF_WIDTH_M, HALF_WIDTH_M, HALF_HEIGHT_M).moved(turn, (0.0, 0.0, HALF_HEIGHT_M))
-    return Scene.from_mesh((rock.vertices_m, rock.faces), pedestal=surface, friction=friction)
+    return block(surface, friction, HALF_WIDTH_M, HALF_HEIGHT_M, turn)
 
 
 def rolled(scene, tilt):

@@ -92,16 +92,21 @@ def _with_arches(vertices, rest, ring, middles, foot_m):
     return points, np.array(faces, np.int64)
 
 
-def dome(radius_m, facets_count=400, reach_m=0.6, half_length_m=2.0):
-    """A cylinder about y whose top is at the origin."""
-    x = np.linspace(-reach_m, reach_m, facets_count)
-    z = np.sqrt(radius_m**2 - x**2) - radius_m
-    side = np.full_like(x, half_length_m)
-    vertices = np.vstack([np.column_stack([x, -side, z]), np.column_stack([x, side, z])])
-    i, n = np.arange(facets_count - 1), facets_count
+def strips(profile, reach_m=6.0):
+    """Ground with a profile of (x, z), the same along y."""
+    vertices = np.array([[x, y, z] for y in (-reach_m, reach_m) for x, z in profile])
+    n, i = len(profile), np.arange(len(profile) - 1)
     return vertices, np.vstack(
         [np.column_stack([i, i + 1, n + i + 1]), np.column_stack([i, n + i + 1, n + i])]
     )
+
+
+def block(pedestal=None, friction=0.8, half_width=HALF_WIDTH_M, half_height=HALF_HEIGHT_M, turn=None):
+    """A block that stands with its middle over the origin."""
+    rock = box(half_width, half_width, half_height).moved(
+        np.eye(3) if turn is None else turn, (0.0, 0.0, half_height)
+    )
+    return Scene.from_mesh((rock.vertices_m, rock.faces), pedestal=pedestal, friction=friction)
 
 
 def pulse(acceleration_m_s2, lasting_s, azimuth_deg=0.0, after_s=2.0):
@@ -149,8 +154,7 @@ def test_feet_on_the_walls_of_a_groove_tip_about_their_own_place():
 
 
 def test_a_squat_rock_on_a_surface_stands_what_friction_holds_and_no_more():
-    rock = box(0.6, 0.6, 0.3).moved(np.eye(3), (0.0, 0.0, 0.3))
-    level = Scene.from_mesh((rock.vertices_m, rock.faces), pedestal=facets(0, 0), friction=0.4)
+    level = block(facets(0, 0), 0.4, 0.6, 0.3)
     found = largest_held_m_s2(level.grounded, [0.0, 30.0])
     assert [value for _, value in found] == pytest.approx([0.4 * G] * 2, rel=0.01)
 
@@ -163,9 +167,8 @@ def test_flat_block_on_a_dome_topples_where_it_has_rolled_to(edge_slope_deg, fac
     """Over the steepest dome the corners hang higher than what is looked at when the rock is at rest."""
     b, h = 0.2, 0.5
     radius = b / math.sin(math.radians(edge_slope_deg))
-    rock = box(b, b, h).moved(np.eye(3), (0.0, 0.0, h))
-    surface = dome(radius, facets_count, reach_m=0.5)
-    scene = Scene.from_mesh((rock.vertices_m, rock.faces), pedestal=surface)
+    x = np.linspace(-0.5, 0.5, facets_count)
+    scene = block(strips([*zip(x, np.sqrt(radius**2 - x**2) - radius, strict=True)], 2.0), 0.8, b, h)
     tilt = np.linspace(0.0, b / radius, 2001)
     exact = (G * np.tan(np.arctan(radius * tilt / h) - tilt)).max()
     for _, value in scene.quasi_static_toppling_m_s2([0.0, 180.0]):
@@ -179,7 +182,7 @@ def test_rocking_between_two_walls_of_a_groove_is_rocking_on_the_plane():
     body = PlaneBody(HALF_WIDTH_M, HALF_WIDTH_M, com[2] - rise, scene.rock.inertia_per_mass_m2[1, 1])
     tilt = 0.7 * body.slenderness(1)
     pivot = np.array([HALF_WIDTH_M, 0.0, rise])
-    turn = np.array([[math.cos(tilt), 0, math.sin(tilt)], [0, 1, 0], [-math.sin(tilt), 0, math.cos(tilt)]])
+    turn = Rotation.from_euler("y", tilt).as_matrix()
     start = {
         "position_m": pivot + turn @ (com - pivot),
         "quaternion_xyzw": [0, math.sin(tilt / 2), 0, math.cos(tilt / 2)],
@@ -352,8 +355,7 @@ def test_a_surface_that_is_a_plane_gives_the_planes_answer():
 def test_the_facets_of_a_rounded_base_tip_on_a_surface_as_on_the_plane():
     """Past one facet a rock may come to stand on the next, at a larger acceleration."""
     cap = round_cap(0.02)
-    level = np.array([[-6.0, -6.0, 0.0], [6.0, -6.0, 0.0], [6.0, 6.0, 0.0], [-6.0, 6.0, 0.0]])
-    on_surface = Scene.from_mesh(cap, pedestal=(level, np.array([[0, 1, 2], [0, 2, 3]])))
+    on_surface = Scene.from_mesh(cap, pedestal=strips([(-6.0, 0.0), (6.0, 0.0)]))
     plane = Scene.from_mesh(cap)
     ((_, on_plane),) = quasi_static_toppling_m_s2(plane.rock, plane.pedestal, G, [20.0])
     friction = (on_surface.contact.friction_static,) * 2
@@ -369,8 +371,7 @@ def test_a_rough_base_tips_on_a_surface_as_on_the_plane_however_fine_its_mesh():
     mesh = trimesh.creation.box((0.5, 0.5, 1.2)).subdivide().subdivide().subdivide()
     low = mesh.vertices[:, 2] < -0.59
     mesh.vertices[low, 2] += np.random.default_rng(4).uniform(0.0, 0.02, low.sum())
-    level = np.array([[-6.0, -6.0, -0.6], [6.0, -6.0, -0.6], [6.0, 6.0, -0.6], [-6.0, 6.0, -0.6]])
-    ground = (level, np.array([[0, 1, 2], [0, 2, 3]]))
+    ground = strips([(-6.0, -0.6), (6.0, -0.6)])
     azimuths = [0.0, 120.0, 200.0]
     plane = Scene.from_mesh((mesh.vertices, mesh.faces))
     exact = quasi_static_toppling_m_s2(plane.rock, plane.pedestal, G, azimuths)
@@ -385,24 +386,15 @@ def test_a_rough_base_tips_on_a_surface_as_on_the_plane_however_fine_its_mesh():
     assert fine_held == pytest.approx(coarse_held, rel=0.001)
 
 
-def with_wall(distance_m, height_m=1.0, thickness_m=0.3):
+def with_wall(distance_m, height_m=1.0):
     """A level floor with a wall whose face stands at x = half width + distance."""
-    x, s = HALF_WIDTH_M + distance_m, 6.0
-    profile = [
-        (-s, 0.0),
-        (x, 0.0),
-        (x, height_m),
-        (x + thickness_m, height_m),
-        (x + thickness_m, 0.0),
-        (s, 0.0),
-    ]
-    return strips(profile)
+    x, after = HALF_WIDTH_M + distance_m, HALF_WIDTH_M + distance_m + 0.3
+    return strips([(-6.0, 0.0), (x, 0.0), (x, height_m), (after, height_m), (after, 0.0), (6.0, 0.0)])
 
 
 def test_a_wall_beside_the_rock_is_not_passed():
-    rock = box(HALF_WIDTH_M, HALF_WIDTH_M, HALF_HEIGHT_M).moved(np.eye(3), (0.0, 0.0, HALF_HEIGHT_M))
-    free = Scene.from_mesh((rock.vertices_m, rock.faces), friction=0.7)
-    walled = Scene.from_mesh((rock.vertices_m, rock.faces), pedestal=with_wall(0.02), friction=0.7)
+    free = block(friction=0.7)
+    walled = block(with_wall(0.02), 0.7)
     assert not walled.ground.is_plane
     away = pulse(-8.0, 0.3)  # of the ground from the wall: the rock falls toward it
     assert shake(free, away, "fast").outcome == "toppled"
@@ -413,8 +405,7 @@ def test_a_wall_beside_the_rock_is_not_passed():
 
 def test_a_scene_turned_with_its_motion_answers_the_same():
     base = block_on(-15, -15)
-    way = math.radians(37.0)
-    turn = np.array([[math.cos(way), -math.sin(way), 0], [math.sin(way), math.cos(way), 0], [0, 0, 1]])
+    turn = Rotation.from_euler("z", 37.0, degrees=True).as_matrix()
     surface = base.pedestal
     turned = Scene.from_mesh(
         (base.rock.vertices_m @ turn.T, base.rock.faces),
@@ -428,7 +419,7 @@ def test_a_scene_turned_with_its_motion_answers_the_same():
 
 def test_a_rock_that_leans_on_a_wall_past_its_balance_is_left_leaning():
     tilt = math.radians(22.0)
-    turn = np.array([[math.cos(tilt), 0, math.sin(tilt)], [0, 1, 0], [-math.sin(tilt), 0, math.cos(tilt)]])
+    turn = Rotation.from_euler("y", tilt).as_matrix()
     rock = box(HALF_WIDTH_M, HALF_WIDTH_M, HALF_HEIGHT_M).moved(turn)
     corners = rock.vertices_m
     rock = rock.moved(np.eye(3), (0.0, 0.0, -corners[:, 2].min()))
@@ -532,9 +523,8 @@ def test_two_meshes_on_which_no_drawn_base_stands_are_taken_as_they_are():
 
 def test_a_rock_that_a_wall_catches_past_its_balance_has_lodged():
     """The wall is .5 m away: the block leans on it at asin(.5 / 1.2) or, where its foot slides back, more."""
-    rock = box(HALF_WIDTH_M, HALF_WIDTH_M, HALF_HEIGHT_M).moved(np.eye(3), (0.0, 0.0, HALF_HEIGHT_M))
     away = pulse(-8.0, 0.3, after_s=6.0)
-    scene = Scene.from_mesh((rock.vertices_m, rock.faces), pedestal=with_wall(0.5), friction=0.8)
+    scene = block(with_wall(0.5), 0.8)
     lodged = shake(scene, away, "fast", trajectory=True)
     assert (lodged.outcome, lodged.toppled, lodged.ended_by) == ("lodged", True, "rest_certain")
     assert math.degrees(math.asin(0.5 / 1.2)) - 0.1 < lodged.residual_tilt_deg < 45.0
@@ -543,8 +533,7 @@ def test_a_rock_that_a_wall_catches_past_its_balance_has_lodged():
 
 
 def test_a_rock_that_a_wall_catches_before_its_balance_has_not_lodged():
-    rock = box(HALF_WIDTH_M, HALF_WIDTH_M, HALF_HEIGHT_M).moved(np.eye(3), (0.0, 0.0, HALF_HEIGHT_M))
-    scene = Scene.from_mesh((rock.vertices_m, rock.faces), pedestal=with_wall(0.1), friction=0.8)
+    scene = block(with_wall(0.1), 0.8)
     caught = shake(scene, pulse(-8.0, 0.3, after_s=6.0), "fast")
     assert caught.outcome in {"stands", "moved"}
     assert not caught.toppled
@@ -579,16 +568,8 @@ def test_a_rock_that_stands_on_two_levels_and_falls_against_a_wall_has_lodged():
     raised = np.isclose(vertices[:, 2], 0.0) & (vertices[:, 0] > 0.0)
     vertices[raised, 2] = step_m
     wall = -HALF_WIDTH_M - away_m
-    profile = [
-        (-s, 0),
-        (wall - 0.3, 0),
-        (wall - 0.3, 1),
-        (wall, 1),
-        (wall, 0),
-        (0, 0),
-        (0, step_m),
-        (s, step_m),
-    ]
+    before = [(-s, 0), (wall - 0.3, 0), (wall - 0.3, 1), (wall, 1), (wall, 0)]
+    profile = [*before, (0, 0), (0, step_m), (s, step_m)]
     scene = Scene.from_mesh((vertices, faces), pedestal=strips(profile), friction=0.8)
     fallen = shake(scene, pulse(8.0, 0.3, after_s=6.0), "fast")
     assert (fallen.outcome, fallen.toppled) == ("lodged", True)
@@ -642,15 +623,6 @@ def prism(ring, triangles, half_depth=0.3):
     return vertices, np.vstack([front, front[:, ::-1] + n, *sides])
 
 
-def strips(profile, reach_m=6.0):
-    """Ground with a profile of (x, z), the same along y."""
-    vertices = np.array([[x, y, z] for y in (-reach_m, reach_m) for x, z in profile])
-    n, i = len(profile), np.arange(len(profile) - 1)
-    return vertices, np.vstack(
-        [np.column_stack([i, i + 1, n + i + 1]), np.column_stack([i, n + i + 1, n + i])]
-    )
-
-
 @pytest.mark.parametrize(
     ("left", "right", "friction"), [(30, 30, 0.6), (0, -15, 0.8), (-15, -15, 0.8), (0, 30, 0.6)]
 )
@@ -685,10 +657,9 @@ def test_a_rock_that_falls_onto_an_outrigger_topples_where_it_leaves_its_base():
 
 
 def test_a_wall_holds_a_block_that_falls_without_it_by_either_engine():
-    rock = box(HALF_WIDTH_M, HALF_WIDTH_M, HALF_HEIGHT_M).moved(np.eye(3), (0.0, 0.0, HALF_HEIGHT_M))
     push = pulse(-6.0, 0.5, after_s=4.0)
     for pedestal, outcome in ((facets(0, 0), "toppled"), (with_wall(0.02), "stands")):
-        scene = Scene.from_mesh((rock.vertices_m, rock.faces), pedestal=pedestal, friction=0.7)
+        scene = block(pedestal, 0.7)
         for engine in ("pybullet", "mujoco"):
             assert shake(scene, push, "fast", engine=engine).outcome == outcome, engine
 
@@ -718,23 +689,13 @@ def test_a_rest_is_certain_only_under_loads_that_the_cones_hold(left, right):
         assert holds(body, body.resting_pose, loads) is held
 
 
-def cliff(lip_m, drop_m=3.0, reach_m=6.0):
+def cliff(lip_m):
     """Level ground for x below the lip, and a face that falls from there."""
-    s = reach_m
-    profile = [(-s, 0.0), (lip_m, 0.0), (lip_m + 0.05, -drop_m)]
-    vertices = np.array([[x, y, z] for y in (-s, s) for x, z in profile])
-    i = np.arange(2)
-    return vertices, np.vstack([np.column_stack([i, i + 1, i + 4]), np.column_stack([i, i + 4, i + 3])])
+    return strips([(-6.0, 0.0), (lip_m, 0.0), (lip_m + 0.05, -3.0)])
 
 
 def test_a_rock_that_falls_past_its_surfaces_edge_is_described_by_where_it_touched():
-    rock = box(HALF_WIDTH_M, HALF_WIDTH_M, HALF_HEIGHT_M).moved(np.eye(3), (0.0, 0.0, HALF_HEIGHT_M))
-    ends_before_its_middle = np.array(
-        [[-3.0, -2.0, 0.0], [-0.1, -2.0, 0.0], [-0.1, 2.0, 0.0], [-3.0, 2.0, 0.0]]
-    )
-    scene = Scene.from_mesh(
-        (rock.vertices_m, rock.faces), pedestal=(ends_before_its_middle, np.array([[0, 1, 2], [0, 2, 3]]))
-    )
+    scene = block(strips([(-3.0, 0.0), (-0.1, 0.0)], 2.0))  # ends before its middle
     assert scene.pedestal.normal == pytest.approx([0.0, 0.0, 1.0])
     assert scene.pedestal.point_m[2] == pytest.approx(0.0, abs=1e-6)
     with refused("rock.does_not_stand"):
@@ -745,10 +706,8 @@ def test_a_rock_that_falls_past_its_surfaces_edge_is_described_by_where_it_touch
 @pytest.mark.parametrize("lip_m", [0.05, 0.12])
 def test_a_flat_base_that_overhangs_a_cliff_tips_over_the_lip(lip_m, yaw_deg):
     """The lip is an edge below a face: it carries where the base's edges cross it, and not at the corners beyond."""
-    way = math.radians(yaw_deg)
-    turn = np.array([[math.cos(way), -math.sin(way), 0], [math.sin(way), math.cos(way), 0], [0, 0, 1]])
-    rock = box(HALF_WIDTH_M, HALF_WIDTH_M, HALF_HEIGHT_M).moved(turn, (0.0, 0.0, HALF_HEIGHT_M))
-    scene = Scene.from_mesh((rock.vertices_m, rock.faces), pedestal=cliff(lip_m), friction=2.0)
+    turn = Rotation.from_euler("z", yaw_deg, degrees=True).as_matrix()
+    scene = block(cliff(lip_m), 2.0, turn=turn)
     for each in (scene, as_surface(scene)):
         ((_, over_lip),) = each.quasi_static_toppling_m_s2([180.0])
         assert over_lip == pytest.approx(G * lip_m / HALF_HEIGHT_M, rel=0.005)
@@ -756,10 +715,7 @@ def test_a_flat_base_that_overhangs_a_cliff_tips_over_the_lip(lip_m, yaw_deg):
 
 @pytest.mark.parametrize("lip_m", [0.05, 0.1, 0.3])
 def test_the_least_energy_overturns_over_a_cliffs_lip_where_that_is_nearer_than_the_edges(lip_m):
-    rock = box(HALF_WIDTH_M, HALF_WIDTH_M, HALF_HEIGHT_M).moved(np.eye(3), (0.0, 0.0, HALF_HEIGHT_M))
-    body = as_surface(
-        Scene.from_mesh((rock.vertices_m, rock.faces), pedestal=cliff(lip_m), friction=2.0)
-    ).grounded
+    body = as_surface(block(cliff(lip_m), 2.0)).grounded
     raised_m = math.hypot(min(lip_m, HALF_WIDTH_M), HALF_HEIGHT_M) - HALF_HEIGHT_M
     assert least_overturning_j_kg(body, body.resting_pose) == pytest.approx(G * raised_m, rel=0.03)
 
@@ -768,8 +724,7 @@ def test_the_least_energy_overturns_over_a_cliffs_lip_where_that_is_nearer_than_
 def test_a_block_rocks_about_a_cliffs_lip_as_about_an_edge_there():
     """A pulse that tips it over the lip, and one that does not, about what Housner's block needs."""
     lip_m = 0.1
-    rock = box(HALF_WIDTH_M, HALF_WIDTH_M, HALF_HEIGHT_M).moved(np.eye(3), (0.0, 0.0, HALF_HEIGHT_M))
-    scene = Scene.from_mesh((rock.vertices_m, rock.faces), pedestal=cliff(lip_m), friction=2.0)
+    scene = block(cliff(lip_m), 2.0)
     inertia = scene.rock.inertia_per_mass_m2[1, 1]
     lasting_s, height = 0.3, HALF_HEIGHT_M
     arm = math.hypot(lip_m, height)

@@ -5,15 +5,13 @@ import math
 
 import numpy as np
 import pytest
-from test_ground import G, as_surface, pulse, strips
+from test_ground import HALF_HEIGHT_M, HALF_WIDTH_M, G, as_surface, block, pulse, strips
 from test_rest_on_facets import burst
 
 from toppling.models.motions.motion import Motion
-from toppling.models.scene import Scene
-from toppling.models.shapes import box
 from toppling.workers.shake import shake
 
-HALF_WIDTH_M, HALF_HEIGHT_M, HEIGHT_M = 0.2, 0.6, 1.0
+HEIGHT_M = 1.0
 OFFSETS = [0.0, *(sign * size for size in (1e-9, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3) for sign in (1.0, -1.0))]
 """Of the base's half width, by which the top's is larger."""
 ROUNDINGS = [pytest.param(each, marks=[] if abs(each) < 1e-8 else pytest.mark.thorough) for each in OFFSETS]
@@ -39,14 +37,8 @@ def mesa(half_x_m, half_y_m, reach_m=6.0):
 
 def block_on_mesa(half_x_m, half_y_m, yaw_deg=0.0, turned_deg=0.0):
     """Turned against its mesa by an angle, and both by another."""
-    rock = box(HALF_WIDTH_M, HALF_WIDTH_M, HALF_HEIGHT_M).moved(
-        yawed(yaw_deg + turned_deg), (0.0, 0.0, HALF_HEIGHT_M)
-    )
     vertices, faces = mesa(half_x_m, half_y_m)
-    scene = Scene.from_mesh(
-        (rock.vertices_m, rock.faces), pedestal=(vertices @ yawed(yaw_deg).T, faces), friction=0.8
-    )
-    return as_surface(scene)
+    return as_surface(block((vertices @ yawed(yaw_deg).T, faces), turn=yawed(yaw_deg + turned_deg)))
 
 
 def turned(motion, angle_deg):
@@ -95,8 +87,7 @@ def test_a_top_of_the_bases_size_holds_what_a_wider_one_holds(offset):
 
 
 def slab_on(ground, half_height_m):
-    slab = box(0.3, 0.3, half_height_m).moved(np.eye(3), (0.0, 0.0, half_height_m))
-    return Scene.from_mesh((slab.vertices_m, slab.faces), pedestal=ground, friction=0.4)
+    return block(ground, 0.4, 0.3, half_height_m)
 
 
 def between_curbs(height_m, distance_m):
@@ -154,6 +145,4 @@ def test_a_base_drawn_over_a_plane_meets_a_curb_and_a_rim_as_its_own_would():
 
 
 def test_a_rock_that_topples_before_it_slides_anywhere_has_toppled():
-    block = box(HALF_WIDTH_M, HALF_WIDTH_M, HALF_HEIGHT_M).moved(np.eye(3), (0.0, 0.0, HALF_HEIGHT_M))
-    scene = Scene.from_mesh((block.vertices_m, block.faces), pedestal=mesa(0.26, 0.26), friction=0.8)
-    assert shake(on_drawn_base(scene), pulse(5.0, 0.6), "fast").outcome == "toppled"
+    assert shake(on_drawn_base(block(mesa(0.26, 0.26))), pulse(5.0, 0.6), "fast").outcome == "toppled"

@@ -2,9 +2,9 @@
 
 import math
 
-import numpy as np
 import pytest
-from test_ground import G, as_surface, block_on, facets, pulse
+from scipy.spatial.transform import Rotation
+from test_ground import G, as_surface, block, block_on, facets, pulse
 from test_rest_on_facets import burst
 
 from toppling.models.motions.motion import Motion
@@ -62,8 +62,7 @@ def test_along_a_fold_friction_grows_as_the_facets_press_harder(slope_deg):
 @pytest.mark.parametrize("azimuth_deg", [0.0, 30.0, 90.0])
 def test_on_a_level_surface_a_pulse_slides_a_block_as_far_as_newton_says(azimuth_deg):
     level, friction, lasting_s = 1.2, 0.6, 0.1
-    block = box(0.4, 0.4, 0.1).moved(np.eye(3), (0.0, 0.0, 0.1))
-    scene = Scene.from_mesh((block.vertices_m, block.faces), pedestal=facets(0, 0), friction=friction)
+    scene = block(facets(0, 0), friction, 0.4, 0.1)
     found_m = shake(
         as_surface(scene), pulse(level * G, lasting_s, azimuth_deg, after_s=0.01), "standard"
     ).slip_m
@@ -73,14 +72,11 @@ def test_on_a_level_surface_a_pulse_slides_a_block_as_far_as_newton_says(azimuth
 
 def test_on_an_incline_a_pulse_uphill_slides_a_block_down_as_far_as_newton_says():
     slope, level, friction, lasting_s = math.radians(5.0), 1.2, 0.6, 0.1
-    turn = np.array(
-        [[math.cos(slope), 0, math.sin(slope)], [0, 1, 0], [-math.sin(slope), 0, math.cos(slope)]]
-    )
+    turn = Rotation.from_euler("y", slope).as_matrix()
     ground, faces = facets(0, 0)
-    block = box(0.4, 0.4, 0.1).moved(turn, turn @ [0.0, 0.0, 0.1])
-    scene = Scene.from_mesh(
-        (block.vertices_m, block.faces), pedestal=(ground @ turn.T, faces), friction=friction
-    )
+    slab = box(0.4, 0.4, 0.1).moved(turn, turn @ [0.0, 0.0, 0.1])
+    tilted = ground @ turn.T, faces
+    scene = Scene.from_mesh((slab.vertices_m, slab.faces), pedestal=tilted, friction=friction)
     found_m = shake(as_surface(scene), pulse(-level * G, lasting_s, after_s=0.01), "standard").slip_m
     driven = level * G * (math.cos(slope) + friction * math.sin(slope))
     braked = G * (friction * math.cos(slope) - math.sin(slope))

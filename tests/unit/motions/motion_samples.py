@@ -217,21 +217,16 @@ def csmip_v2(folder: Path, a: np.ndarray) -> list[Path]:
     for number, (label, series) in enumerate(
         (("180 Deg", -a[:, 1]), ("90 Deg", a[:, 0]), ("Up", a[:, 2])), 1
     ):
-        title = [
-            f"Corrected accelerogram   89486-N2628-22354.08       Chan  {number}: {label}     from",
-            "Uncorrected",
-        ]
-        title += [
-            "Rcrd of Tue Dec 20, 2022",
-            "Preliminary",
-            "89486-N2628",
-            "Station No. 89486   40.585N, 124.146W",
-        ]
-        title += ["Test - 701 S. Blvd.            CGS   Data: Acceleration", f"Chan  {number}: {label}"]
-        title += ["x"] * 9
-        title += [f"Peak acceleration = {peak_of(series) * 100:10.3f}    cm/sec/sec  at    1.000   sec."]
-        title += ["Peak   velocity   =     1.000      cm/sec    at    1.000   sec.", *["x"] * 6]
-        text += "\n".join(title) + "\n" + rows(np.zeros(100), "5.0f", 16) + rows(np.zeros(100), "10.3f", 8)
+        text += (
+            f"Corrected accelerogram   89486-N2628-22354.08       Chan  {number}: {label}     from\nUncorrected\n"
+            "Rcrd of Tue Dec 20, 2022\nPreliminary\n89486-N2628\nStation No. 89486   40.585N, 124.146W\n"
+            f"Test - 701 S. Blvd.            CGS   Data: Acceleration\nChan  {number}: {label}\n"
+            + 9
+            * "x\n"
+            + f"Peak acceleration = {peak_of(series) * 100:10.3f}    cm/sec/sec  at    1.000   sec.\n"
+            "Peak   velocity   =     1.000      cm/sec    at    1.000   sec.\n" + 6 * "x\n"
+        )
+        text += rows(np.zeros(100), "5.0f", 16) + rows(np.zeros(100), "10.3f", 8)
         for kind, unit in (
             ("accel", "cm/sec2. (8f10.5)"),
             ("veloc", "cm/sec.  (8f10.6)"),
@@ -260,26 +255,17 @@ def cosmos(folder: Path, a: np.ndarray, corrected: bool = True) -> list[Path]:
     for number, (label, series) in enumerate((("360 deg", a[:, 1]), ("Up", a[:, 2]), ("90 deg", a[:, 0])), 1):
         reals = np.full(100, -999.0)
         reals[61] = STEP_S * 1000
-        title = [
-            f"{'Corrected' if corrected else 'Uncorrected'} acceleration  (Format v01.20 with 13 text lines)"
-        ]
-        title += [
-            "Record of Testquake of Tue Aug 28, 2018",
-            "Hypocenter: 34.0 -118.0 H= 10km Mw=6.8",
-            "Origin: 2018",
-        ]
-        title += [
-            "Statn No: 05- 23837 Code:CE-23837  CGS  Test",
-            "Coords: 34.063  -117.785",
-            "Recorder: Etna",
-        ]
-        title += ["Rcrd start time: 8/29/2018", f"Sta Chan  {number}: {label} (Rcrdr Chan  {number})", "Raw"]
         unit, factor = ("cm/sec2(04)", 100.0) if corrected else ("g.     (02)", 1 / G)
-        title += [
-            f"Processed: Max = {peak_of(series) * factor:.3f} {unit.partition('(')[0].rstrip('. ')} at 1.0 sec"
-        ]
-        title += ["Record filtered", "Values used when parameter is unknown: -999, -999.0"]
-        text += "\n".join(title) + "\n 100 Integer-header values follow on  10 lines, Format= (10I8)\n"
+        peak = f"{peak_of(series) * factor:.3f} {unit.partition('(')[0].rstrip('. ')}"
+        text += (
+            f"{'Corrected' if corrected else 'Uncorrected'} acceleration  (Format v01.20 with 13 text lines)\n"
+            "Record of Testquake of Tue Aug 28, 2018\nHypocenter: 34.0 -118.0 H= 10km Mw=6.8\nOrigin: 2018\n"
+            "Statn No: 05- 23837 Code:CE-23837  CGS  Test\nCoords: 34.063  -117.785\nRecorder: Etna\n"
+            f"Rcrd start time: 8/29/2018\nSta Chan  {number}: {label} (Rcrdr Chan  {number})\nRaw\n"
+            f"Processed: Max = {peak} at 1.0 sec\nRecord filtered\n"
+            "Values used when parameter is unknown: -999, -999.0\n"
+        )
+        text += " 100 Integer-header values follow on  10 lines, Format= (10I8)\n"
         text += rows(np.where(np.arange(100) == 0, 2 if corrected else 1, -999), "8.0f", 10)
         text += " 100 Real-header values follow on  17 lines, Format= (6F13.6)\n" + rows(reals, "13.6f", 6)
         text += f'   1 Comment line(s) follow, each starting with a "|":\n|<SCNL>23837.HN{number}.CE.--\n'
@@ -336,23 +322,17 @@ def geonet(folder: Path, a: np.ndarray, corrected: bool = True) -> list[Path]:
             if corrected
             else "Raw readings in units of 1.00 mm/s/s  at intervals of 0.010 s"
         )
-        title = [
-            f"{'Corrected' if corrected else 'Uncorrected'} accelerogram 20161113_110256_WTMC_20 GNS Science"
-        ]
-        title += [
-            "Site WTMC      42 37 10S  173 03 13E     Cusp file",
-            "Farm",
-            "Instrument",
-            "Resolution",
-            "Accelerogram",
-        ]
-        title += ["5 km south-west", "2016 November 13         11:02:56 UT"]
-        title += ["Epicentre  42 41 33S 173 01 19E  Bearing S18W  Dist    9km  Depth   15km Mw 7.82"]
-        title += [f"Number of points  {len(series)}", how, "Filter", f"Component {name}"]
-        title += [f"Acceleration:  peak   {peak_of(series) * 1000:.1f} mm/s/s at  1.00 sec", "V", "D"]
+        text += (
+            f"{'Corrected' if corrected else 'Uncorrected'} accelerogram 20161113_110256_WTMC_20 GNS Science\n"
+            "Site WTMC      42 37 10S  173 03 13E     Cusp file\nFarm\nInstrument\nResolution\nAccelerogram\n"
+            "5 km south-west\n2016 November 13         11:02:56 UT\n"
+            "Epicentre  42 41 33S 173 01 19E  Bearing S18W  Dist    9km  Depth   15km Mw 7.82\n"
+            f"Number of points  {len(series)}\n{how}\nFilter\nComponent {name}\n"
+            f"Acceleration:  peak   {peak_of(series) * 1000:.1f} mm/s/s at  1.00 sec\nV\nD\n"
+        )
         integers = np.zeros(40)
         integers[33:36] = len(series), len(series) * corrected, 0
-        text += "\n".join(title) + "\n" + rows(integers, "8.0f", 10) + rows(np.zeros(60), "8.2f", 10)
+        text += rows(integers, "8.0f", 10) + rows(np.zeros(60), "8.2f", 10)
         text += rows(series * 1000, "8.1f", 10)
         if corrected:
             text += rows(np.zeros(len(series)), "8.2f", 10)
@@ -364,22 +344,12 @@ def geonet(folder: Path, a: np.ndarray, corrected: bool = True) -> list[Path]:
 def esm(folder: Path, a: np.ndarray) -> list[Path]:
     paths = []
     for letter, series in (("E", a[:, 0]), ("N", a[:, 1]), ("Z", a[:, 2])):
-        header = {
-            "EVENT_NAME": "TEST",
-            "EVENT_ID": "EMSC-1",
-            "MAGNITUDE_W": "6.1",
-            "NETWORK": "HI",
-            "STATION_CODE": "ARS1",
-            "LOCATION": "",
-            "EPICENTRAL_DISTANCE_KM": "21.0",
-            "SAMPLING_INTERVAL_S": f"{STEP_S:.6f}",
-            "NDATA": str(len(series)),
-            "STREAM": f"HN{letter}",
-            "UNITS": "cm/s^2",
-            "DATA_TYPE": "ACCELERATION",
-            "PROCESSING": "manual (Paolucci et al., 2011)",
-        }
-        lines = [f"{key}: {value}" for key, value in header.items()]
+        lines = (
+            "EVENT_NAME: TEST\nEVENT_ID: EMSC-1\nMAGNITUDE_W: 6.1\nNETWORK: HI\nSTATION_CODE: ARS1\nLOCATION: \n"
+            f"EPICENTRAL_DISTANCE_KM: 21.0\nSAMPLING_INTERVAL_S: {STEP_S:.6f}\nNDATA: {len(series)}\n"
+            f"STREAM: HN{letter}\nUNITS: cm/s^2\nDATA_TYPE: ACCELERATION\n"
+            "PROCESSING: manual (Paolucci et al., 2011)"
+        ).split("\n")
         lines += [f"USER{i}:" for i in range(64 - len(lines))] + [f"{v:.6f}" for v in series * 100]
         path = folder / f"HI.ARS1..HN{letter}.D.20190728.C.ACC.ASC"
         path.write_text("\n".join(lines) + "\n")
@@ -389,25 +359,16 @@ def esm(folder: Path, a: np.ndarray) -> list[Path]:
 
 def unam(folder: Path, a: np.ndarray) -> list[Path]:
     count = len(a)
-    keys = {
-        "CLAVE DE LA ESTACION": "PZPU",
-        "ORIENTACION C1-C6 (rumbo;orientacion)": "/V/N00E/N90E",
-        "INTERVALO DE MUESTREO, C1-C6 (s)": "/0.01/0.01/0.01",
-        "FECHA DEL SISMO [GMT]": "2017/09/19",
-        "HORA EPICENTRO (GMT)": "18:14:40",
-        "MAGNITUD(ES)": "/M=7.1",
-        "NUM. TOTAL DE MUESTRAS, C1-C6": f"/{count}/{count}/{count}",
-        "UNIDADES DE LOS DATOS": "Gal (cm/s/s)",
-    }
+    keys = (
+        "CLAVE DE LA ESTACION: PZPU\nORIENTACION C1-C6 (rumbo;orientacion): /V/N00E/N90E\n"
+        "INTERVALO DE MUESTREO, C1-C6 (s): /0.01/0.01/0.01\nFECHA DEL SISMO [GMT]: 2017/09/19\n"
+        "HORA EPICENTRO (GMT): 18:14:40\nMAGNITUD(ES): /M=7.1\n"
+        f"NUM. TOTAL DE MUESTRAS, C1-C6: /{count}/{count}/{count}\nUNIDADES DE LOS DATOS: Gal (cm/s/s)"
+    )
     lines = ["*" * 86, "INSTITUTO DE INGENIERIA, UNAM", "ARCHIVO ESTANDAR DE ACELERACION:"]
-    lines += [f"{key:<39}: {value}" for key, value in keys.items()]
-    lines += [
-        "DATOS DE ACELERACION:",
-        "---------+",
-        "   CANAL-1   CANAL-2   CANAL-3",
-        "V N00E N90E",
-        "---------+",
-    ]
+    lines += ["{:<39}: {}".format(*line.split(": ")) for line in keys.split("\n")]
+    columns = "---------+\n   CANAL-1   CANAL-2   CANAL-3\nV N00E N90E\n---------+"
+    lines += ["DATOS DE ACELERACION:", *columns.split("\n")]
     lines += ["".join(f"{v:10.4f}" for v in row) for row in a[:, [2, 1, 0]] * 100]
     path = folder / "PZPU1709.191"
     path.write_text("\n".join(lines) + "\n")
@@ -438,27 +399,16 @@ def knet(folder: Path, a: np.ndarray) -> list[Path]:
     for letter, series in (("EW", a[:, 0]), ("NS", a[:, 1]), ("UD", a[:, 2])):
         direction = {"EW": "E-W", "NS": "N-S", "UD": "U-D"}[letter]
         counts = np.round(series * 100 / (2000 / 8388608) * 8388608 / 8388608).astype(int)
-        header = {
-            "Origin Time": "2018/01/24 19:51:00",
-            "Lat.": "41.0",
-            "Long.": "142.5",
-            "Depth. (km)": "30",
-            "Mag.": "6.2",
-            "Station Code": "AOM007",
-            "Station Lat.": "41.1690",
-            "Station Long.": "141.3846",
-            "Station Height(m)": "17",
-            "Record Time": "2018/01/24 19:51:36",
-            "Sampling Freq(Hz)": "100Hz",
-            "Duration Time(s)": f"{len(series) * STEP_S:g}",
-            "Dir.": direction,
-            "Scale Factor": "2000(gal)/8388608",
-            "Max. Acc. (gal)": f"{np.abs(series).max() * 100:.3f}",
-            "Last Correction": "2018/01/24 19:51:36",
-            "Memo.": "",
-        }
+        header = (
+            "Origin Time=2018/01/24 19:51:00\nLat.=41.0\nLong.=142.5\nDepth. (km)=30\nMag.=6.2\n"
+            "Station Code=AOM007\nStation Lat.=41.1690\nStation Long.=141.3846\nStation Height(m)=17\n"
+            "Record Time=2018/01/24 19:51:36\nSampling Freq(Hz)=100Hz\n"
+            f"Duration Time(s)={len(series) * STEP_S:g}\nDir.={direction}\nScale Factor=2000(gal)/8388608\n"
+            f"Max. Acc. (gal)={np.abs(series).max() * 100:.3f}\nLast Correction=2018/01/24 19:51:36\nMemo.="
+        )
         path = folder / f"AOM0071801241951.{letter}"
-        path.write_text("".join(f"{k:<18}{v}\n" for k, v in header.items()) + rows(counts, "9d", 8))
+        lines = ["{:<18}{}\n".format(*line.split("=")) for line in header.split("\n")]
+        path.write_text("".join(lines) + rows(counts, "9d", 8))
         paths.append(path)
     return paths
 

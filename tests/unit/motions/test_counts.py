@@ -8,7 +8,7 @@ from motion_samples import COUNT, WRITERS, imported, only, shaking
 from refusals import left_out, refused
 
 from toppling.models.motions.formats import read_file
-from toppling.models.motions.formats.record_text import RecordText, column_width
+from toppling.models.motions.formats.record_text import RecordText
 
 HERE = Path("file.txt")
 SPOKEN_COUNT = {  # how a header says 400, and how it would say another number
@@ -34,14 +34,6 @@ def taken(lines: list[str], count: int):
     return RecordText(HERE, lines, 4).counted(-1, count, 0)
 
 
-@pytest.mark.parametrize("count", [1000, 999, 997, 995, 990, 1001, 1003, 1005, 1010])
-def test_a_count_within_two_rows_of_the_rows_is_told_and_read(count):
-    found = taken(lines_of(1000), count)
-    assert len(found.values) == min(count, 1000)
-    assert found.missing == max(count - 1000, 0)
-    assert bool(found.warnings) is (count != 1000)
-
-
 @pytest.mark.parametrize("count", [0, 900, 1011, 1100, 2000])
 def test_a_count_far_from_the_rows_is_refused(count):
     with refused("record.count_contradicted", 1000, count):
@@ -64,13 +56,6 @@ def lost(first, last):
 def test_a_row_in_the_middle_that_is_lost_repeated_or_not_whole_is_refused(damage, counted):
     with refused("record.count_contradicted", counted, 1000):
         taken(damage(lines_of(1000)), 1000)
-
-
-@pytest.mark.parametrize(("form", "width"), [("9.6f", 9), ("10.3f", 10), ("15.7E", 15), ("7.3f", 7)])
-def test_a_columns_width_is_the_distance_of_decimal_points(form, width):
-    values = np.linspace(-0.9, 0.9, 24)
-    rows = ["".join(format(v, form) for v in values[i : i + 8]) for i in (0, 8, 16)]
-    assert column_width(rows) == (8, width)
 
 
 def miscounted(folder: Path, name: str, off: int) -> None:

@@ -1,7 +1,6 @@
 """Deaggregations of hazard programs are read as bins of magnitude and distance with what each contributes."""
 
 import math
-import time
 
 import pytest
 from hypothesis import given
@@ -59,20 +58,6 @@ def test_region_and_epsilon_are_summed_over(tmp_path, by):
     assert one.contribution == pytest.approx(-math.log1p(-0.28))
 
 
-@pytest.mark.parametrize("name", ["mag", "dist"])
-def test_a_deaggregation_over_one_of_both_is_refused(tmp_path, name):
-    with refused("deaggregation.columns_unknown", name):
-        read_deaggregation(openquake(tmp_path, ["PGA,0.2,0.1,5.5,0.1"], columns=f"{name},mean"))
-
-
-def test_a_line_of_blanks_in_a_deaggregation_is_no_row(tmp_path):
-    row = "PGA,0.2,0.1,5.5,5.0,0.1,0.0"
-    assert (
-        read_deaggregation(openquake(tmp_path, [row, "  ", " , "])).bins
-        == read_deaggregation(openquake(tmp_path, [row])).bins
-    )
-
-
 def test_nshmps_bins_are_centres_with_per_cent_of_the_total(tmp_path):
     bins = read_deaggregation(nshmp(tmp_path)).bins
     assert (bins[0].magnitude, bins[0].distance_km) == ((5.0, 5.2), (0.0, 20.0))
@@ -98,21 +83,6 @@ def test_weights_follow_the_columns_and_not_the_numbers_of_realisations(tmp_path
     assert bins[0].contribution == pytest.approx(-math.log1p(-0.04))
 
 
-def test_of_several_motions_the_strongest_is_taken_or_the_one_that_is_asked_for(tmp_path):
-    rows = [f"{imt},1,{poe},5.5,5.0,{poe},{poe}" for imt in ("PGA", "PGV") for poe in (0.1, 0.02)]
-    path = openquake(tmp_path, rows)
-    assert read_deaggregation(path).bins[0].contribution == pytest.approx(-math.log1p(-0.02))
-    read = read_deaggregation(path, "PGV", 0.1)
-    assert read.bins[0].contribution == pytest.approx(-math.log1p(-0.1))
-    assert read.of.startswith("PGV of 1, probability 0.1 in 50.0 years")
-    for asked, code, named in (
-        (("SA(1.0)", None), "deaggregation.measure_not_there", "PGA, PGV"),
-        ((None, 0.5), "deaggregation.probability_not_there", "0.02, 0.1"),
-    ):
-        with refused(code, named):
-            read_deaggregation(path, *asked)
-
-
 @pytest.mark.parametrize(
     ("rows", "head", "code", "named"),
     [
@@ -129,11 +99,6 @@ def test_a_damaged_deaggregation_is_refused_by_name(tmp_path, rows, head, code, 
     path = openquake(tmp_path, rows, head) if head else openquake(tmp_path, rows)
     with refused(code, named):
         read_deaggregation(path)
-
-
-def test_neighbouring_bins_share_their_edge_so_that_no_magnitude_falls_between(tmp_path):
-    edges = {one.magnitude for one in read_deaggregation(nshmp(tmp_path)).bins}
-    assert edges == {(5.0, 5.2), (5.2, 5.4), (5.6, 5.8)}
 
 
 @pytest.mark.parametrize(
@@ -185,11 +150,3 @@ def test_what_is_no_bin_of_a_persons_table_is_refused(tmp_path, text, code):
     path.write_text(text)
     with refused(f"deaggregation.{code}", path):
         read_deaggregation(path)
-
-
-def test_a_bracket_that_nobody_closes_is_looked_at_once(tmp_path):
-    """By the square of the length, minutes."""
-    (tmp_path / "d.csv").write_text(f"mag,dist,share,{'(' * 100_000}\n6,10,2,\n7,30,3,\n")
-    start = time.process_time()
-    assert len(read_deaggregation(tmp_path / "d.csv").bins) == 2
-    assert time.process_time() - start < 5

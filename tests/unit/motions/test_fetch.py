@@ -7,10 +7,9 @@ from click.testing import CliRunner
 from motion_samples import STEP_S, shaking
 from obspy.core.event import Catalog, Event, EventDescription, Magnitude, Origin
 from obspy.core.inventory import Channel, Inventory, Network, Response, Station
-from refusals import refused, tells
+from refusals import tells
 
 from toppling.models.motions.ensemble import Ensemble
-from toppling.models.motions.fetch import fetch
 from toppling.orchestrator.cli import cli
 
 ORIGIN = obspy.UTCDateTime(2019, 7, 6, 3, 19, 53)
@@ -136,17 +135,6 @@ def test_a_list_of_stations_and_a_window_do_without_an_event(service, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("stations", "fetched"),
-    [(["A.NEAR", "B.FAR"], ["A.NEAR", "B.FAR"]), (["A.NEAR", "A.FAR"], ["A.NEAR", "A.FAR"])],
-)
-def test_only_the_pairs_of_network_and_station_asked_for_are_fetched(stations, fetched, tmp_path):
-    client = Service()
-    with refused("fetch.no_stations"):
-        fetch(client, tmp_path, stations=stations, window=(ORIGIN, ORIGIN + 60))
-    assert sorted(set(client.asked)) == sorted(fetched)
-
-
-@pytest.mark.parametrize(
     ("arguments", "code", "named"),
     [
         (["--event", "ev2", "--radius", "40"], "fetch.no_answer", "'ev2'"),
@@ -171,15 +159,3 @@ def test_a_service_that_is_not_there_and_half_a_request_are_refused(tmp_path):
     away = run("--service", "http://127.0.0.1:9", "--event", "a", "--radius", "1", "--out", tmp_path / "e")
     assert away.exception.code == "fetch.no_answer"
     assert run("--radius", "10", "--out", tmp_path / "e").exit_code == 2
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [("--event", "a", "--radius", "10", "--stations", "XX.NEAR"),
-     ("--event", "a", "--radius", "10", "--start", "2019-07-06T03:19:23")],
-    ids=["radius and stations", "a start without an end"],
-)  # fmt: skip
-def test_what_would_be_ignored_of_a_request_is_refused(arguments, tmp_path):
-    done = run(*arguments, "--out", tmp_path / "e")
-    assert done.exit_code == 2
-    assert "one of them would be ignored" in done.output

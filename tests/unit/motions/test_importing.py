@@ -1,64 +1,17 @@
 """Files become records: oriented, processed where they need it, each shaking once, doubts told."""
 
-import os
 from pathlib import Path
 
 import numpy as np
 import obspy
 import pytest
-from motion_samples import COUNT, STEP_S, WRITERS, columns, imported, peer, shaking
+from motion_samples import STEP_S, WRITERS, columns, imported, peer, shaking
 from obspy.core.inventory import Channel, Inventory, Network, Response, Station
-from refusals import left_out, refused
+from refusals import left_out
 
-from toppling.models.motions.importing import import_records, record_files
 from toppling.models.motions.motion import Motion
 from toppling.models.motions.processing import end_at_rest
 from toppling.models.motions.record import Record
-
-
-def test_counts_without_a_response_are_refused(tmp_path):
-    WRITERS["miniseed"](tmp_path, shaking(), response=False)
-    outcome = imported(tmp_path, process=None)
-    assert not outcome.records
-    left_out(outcome, "record.unit_unknown", "StationXML")
-
-
-def test_a_file_that_is_none_is_refused_and_not_waited_for(tmp_path):
-    os.mkfifo(tmp_path / "quake.AT2")
-    left_out(import_records([tmp_path / "quake.AT2"]), "file.not_regular")
-    with refused("file.absent"):
-        record_files([tmp_path / "nowhere"])
-
-
-def test_components_of_slightly_different_length_are_cut_to_what_they_share(tmp_path):
-    path = columns(tmp_path, shaking())[0]
-    path.write_text("".join(path.read_text().splitlines(keepends=True)[:-3]))
-    (record,) = imported(tmp_path, process=None).records
-    assert len(record.motion.acceleration_m_s2) == COUNT - 3
-    assert any("cut to the 397 they share" in step for step in record.history)
-
-
-@pytest.mark.parametrize("files", ["E,E,Z", "E,N,N", "E,N,E"])
-def test_a_row_that_names_one_file_twice_is_refused_with_its_line(tmp_path, files):
-    columns(tmp_path, shaking())
-    table = tmp_path / "table.csv"
-    head, row = table.read_text().splitlines()[:2]
-    for old, new in zip("ENZ", files.split(","), strict=True):
-        row = row.replace(f"STA1_{old}.", f"STA1_*{new}.")
-    table.write_text(f"{head}\n{row.replace('*', '')}\n")
-    outcome = imported(tmp_path, process=None)
-    assert not outcome.records
-    assert ("metadata.file_repeated", f"{table}:2") in [
-        (r.reason.code, r.reason.where) for r in outcome.refusals
-    ]
-
-
-@pytest.mark.parametrize("corner_hz", [-1.0, 0.0, 50.0])
-def test_a_corner_that_no_filter_has_leaves_its_record_out(tmp_path, corner_hz):
-    columns(tmp_path, shaking())
-    outcome = imported(tmp_path, process=True, corner_hz=corner_hz)
-    assert not outcome.records
-    left_out(outcome, "motion.corner_out_of_range", "below 50 Hz")
 
 
 def test_a_missing_vertical_is_refused_unless_asked_for(tmp_path):

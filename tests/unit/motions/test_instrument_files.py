@@ -6,12 +6,11 @@ from pathlib import Path
 import numpy as np
 import obspy
 import pytest
-from motion_samples import STEP_S, miniseed, only, sac, shaking
-from obspy.core.inventory import Response
-from refusals import left_out, refused
+from motion_samples import STEP_S, only, sac, shaking
+from refusals import refused
 
 from toppling.models.motions.formats import read_file
-from toppling.models.motions.importing import ImportOptions, import_records, record_files
+from toppling.models.motions.importing import ImportOptions, import_records
 from toppling.models.motions.metadata import read_table
 from toppling.models.motions.quality import warnings_of
 
@@ -100,12 +99,6 @@ def test_sac_of_another_quantity_is_refused_by_its_name(idep, quantity, tmp_path
         read_file(path)
 
 
-def test_sac_without_a_table_is_asked_for_one(tmp_path):
-    (refusal,) = import_records(sac(tmp_path, shaking())).refusals
-    assert refusal.reason.code == "record.unit_unknown"
-    assert "StationXML" not in str(refusal.reason)
-
-
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_samples_of_sac_that_are_not_finite_are_refused(bad, tmp_path):
     path = sac(tmp_path, shaking())[0]
@@ -138,45 +131,6 @@ def test_a_peak_beyond_nature_is_told_with_the_unit_that_would_explain_it(pga, p
     assert all(text in found[0] for text in told)
 
 
-def test_a_velocity_beyond_nature_of_an_uncorrected_record_is_told_as_its_baseline():
-    assert warnings_of({"pga_m_s2": 8.0, "pgv_m_s": 45.0}, None, False) == (
-        "PGV is 45 m/s, more than 3 m/s: its baseline is not corrected",
-    )
-
-
-def test_one_damaged_station_xml_does_not_take_the_others_with_it(tmp_path):
-    miniseed(tmp_path, shaking())
-    (tmp_path / "other.xml").write_text("<?xml version='1.0'?><FDSNStationXML><Broken></FDSNStationXML>")
-    outcome = import_records(record_files([tmp_path]))
-    assert len(outcome.records) == 1
-    assert [refusal.subject for refusal in outcome.refusals] == [str(tmp_path / "other.xml")]
-
-
-def test_a_sample_that_is_not_finite_is_named_before_the_response_spreads_it(tmp_path):
-    path, *_, station = miniseed(tmp_path, shaking())
-    inventory = obspy.read_inventory(str(station))
-    for channel in inventory[0][0]:
-        channel.response = Response.from_paz(
-            [], [-20.0 + 0j], 2e5, 1.0, input_units="M/S**2", output_units="COUNTS"
-        )
-    inventory.write(str(station), format="STATIONXML")
-    (trace,) = obspy.read(str(path))
-    trace.data = np.asarray(trace.data, np.float32)
-    trace.data[200] = np.nan
-    obspy.Stream([trace]).write(str(path), format="MSEED", encoding="FLOAT32")
-    reasons = [str(refusal.reason) for refusal in import_records(record_files([tmp_path])).refusals]
-    assert any("sample 200 of HNE is nan [record.sample_out_of_range]" in reason for reason in reasons)
-
-
-@pytest.mark.parametrize("kind", ["GSE2", "SACXY", "SLIST", "TSPAIR", "AH", "GCF"])
-def test_other_formats_of_obspy_are_refused_by_the_form_that_is_read(tmp_path, kind):
-    header = {"network": "XX", "station": "TST", "channel": "HNE", "delta": STEP_S, "starttime": START}
-    obspy.Trace(COUNTS, header).write(str(tmp_path / "r.dat"), format=kind)
-    outcome = import_records([tmp_path / "r.dat"])
-    assert not outcome.records
-    left_out(outcome, "record.format_unknown", "Time (s),NS (cm/s2)")
-
-
 KINEMETRICS = Path(obspy.__file__).parent / "io" / "kinemetrics" / "tests" / "data"
 
 
@@ -188,11 +142,3 @@ def test_an_episensors_file_says_its_unit_and_which_channel_is_vertical(tmp_path
     by_obspy = obspy.read(str(tmp_path / "rec.evt"), apply_calib=True)
     for each, trace in zip(found, by_obspy, strict=True):  # which takes g to be 9.81
         np.testing.assert_allclose(each.acceleration_m_s2, trace.data * 9.80665 / 9.81, rtol=1e-9)
-
-
-def test_channels_of_one_file_that_are_only_numbered_are_refused_with_what_a_table_can_name():
-    left_out(
-        import_records([KINEMETRICS / "BI008_MEMA-04823.evt"]),
-        "record.channels_unmatched",
-        "a file of its own",
-    )

@@ -1,14 +1,9 @@
 """A metadata table is used, or it is said what of it is not; it does not contradict the files' own headers."""
 
-import time
-
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from motion_samples import WRITERS, imported, shaking
 from refusals import left_out, refused, tells
 
-from toppling.models.motions.importing import import_records, record_files
 from toppling.models.motions.metadata import read_table
 
 ENTRIES = {
@@ -86,23 +81,6 @@ def test_what_no_record_has_is_refused_with_its_line(text, code, named, tmp_path
         read_table(written(tmp_path, text))
 
 
-@given(
-    st.sampled_from(["h1_azimuth", "h2_azimuth", "corner_hz", "mag", "dist_km"]),
-    st.sampled_from(["-999", "-9999.0", "-12345", "unknown", "n/a", "-"]),
-)
-def test_what_flat_files_have_for_unknown_is_no_number(tmp_path_factory, column, cell):
-    (entry,) = read_table(written(tmp_path_factory.mktemp("flat"), f"h1,h2,v,{column}\na,b,c,{cell}"))
-    assert {name: getattr(entry, name) for name in UNKNOWN} == UNKNOWN
-
-
-def test_blanks_without_end_in_a_magnitude_are_looked_at_once(tmp_path):
-    """By the square of their number, minutes."""
-    start = time.process_time()
-    with refused("metadata.value_unreadable", "mag"):
-        read_table(written(tmp_path, f"h1,h2,mag\na,b,6{' ' * 100_000}x"))
-    assert time.process_time() - start < 5
-
-
 def with_rows(folder, *rows):
     written(folder, "\n".join(["rec_id,h1,h2,v", *rows]))
     return imported(folder)
@@ -121,17 +99,6 @@ def test_a_table_none_of_whose_rows_names_a_file_is_refused_with_the_path_it_loo
         "metadata.no_file_given", "2 rows", tmp_path / "in" / "x090.AT2", "table.csv:2", "correct the paths"
     ):
         with_rows(tmp_path, "A,in/x090.AT2,in/x000.AT2,in/xUP.AT2", "B,in/y090.AT2,in/y000.AT2,in/yUP.AT2")
-
-
-def test_a_table_of_files_that_are_there_but_not_given_is_refused_with_the_remedy_to_give_them(tmp_path):
-    for name in ("a", "b"):
-        (tmp_path / name).mkdir()
-        WRITERS["peer"](tmp_path / name, shaking())
-    names = [f"a/{path.name}" for path in sorted((tmp_path / "a").iterdir())]
-    with refused("metadata.no_file_given", "1 rows", "give this file"):
-        import_records(
-            record_files([tmp_path / "b"]), read_table(written(tmp_path, "h1,h2,v\n" + ",".join(names)))
-        )
 
 
 @pytest.mark.parametrize("beside", ["", "in\\"])
@@ -170,25 +137,3 @@ def test_what_a_row_says_otherwise_than_the_file_is_refused_with_its_row(
 ):
     left_out(with_columns(tmp_path, names, wrong), code, *named)
     assert len(with_columns(tmp_path, names, right).records) == 1
-
-
-@pytest.mark.parametrize(("second", "told"), [("0", False), ("8", False), ("45", True), ("180", False)])
-def test_horizontals_that_are_not_across_each_other_are_told(second, told, tmp_path):
-    outcome = with_columns(tmp_path, "h1_azimuth,h2_azimuth", f"90,{second}")
-    assert any("45 degrees apart, not 90" in text for _, text in outcome.warnings) == told
-
-
-def test_a_table_in_capitals_is_no_record(tmp_path):
-    WRITERS["one_column"](tmp_path, shaking())
-    (expected,) = imported(tmp_path).records
-    header, row = (tmp_path / "table.csv").read_text().splitlines()
-    table = written(tmp_path, f"{header.upper().replace('UNIT', 'Units').replace(',', ', ')}\n{row}")
-    assert table not in record_files([tmp_path])
-    assert imported(tmp_path).records[0].sha == expected.sha
-
-
-def test_a_folder_without_a_record_says_what_it_holds(tmp_path):
-    for name in "ab":
-        (tmp_path / f"{name}.parquet").write_bytes(b"PAR1")
-    with refused("record.none_found", "2 of .parquet"):
-        record_files([tmp_path])

@@ -32,21 +32,14 @@ def left_out_at(outcome, place):
         ("Basement NW corner", Place(0.0, "in the basement of a building")),
         ("Roof - SE Corner", Place(0.0, "on the roof of a building")),
         ("12th Floor, Center", Place(0.0, "on floor 12 of a building")),
-        ("4TH FL.", Place(0.0, "on floor 4 of a building")),
-        ("Second floor", Place(0.0, "on floor 2 of a building")),
-        ("Level 5", Place(0.0, "on floor 5 of a building")),
         ("Downhole", BOREHOLE),
-        ("Downhole, 30 m", Place(30.0)),
         ("Downhole - Depth 100 ft", Place(30.48)),
         ("44 m below ground surface", Place(44.0)),
-        ("Depth: 122 m", Place(122.0)),
         ("Dam crest, center", Place(0.0, "on or in a dam")),
         ("Left Abutment", Place(0.0, "on the abutment of a dam or bridge")),
         ("Deck, midspan", Place(0.0, "on a bridge")),
         ("1st Floor, East wall", FREE_FIELD),
-        ("Ground level", FREE_FIELD),
         ("Free-field near left abutment", FREE_FIELD),
-        ("Ground Surface", FREE_FIELD),
         ("building location description", None),
         ("", None),
     ],
@@ -154,7 +147,6 @@ def instead(name, old, new):
 ROOF, FLOOR_5 = "sensor on the roof of a building", "sensor on floor 5 of a building"
 STATED = [
     (of_smc({18: 1, 24: 12}), "sensor on floor 12 of a building"), (of_smc({18: 4}), "sensor on a structure"),
-    (of_smc({18: 1, 24: 0}), "sensor in the basement of a building"), (of_smc({18: 1}), "sensor in a building"),
     (of_smc({18: 1, 24: 1}), "sensor on floor 1 of a building"), (of_smc({18: 2, 26: 3}), "sensor on a bridge"),
     (of_smc({18: 3, 27: 2}), "sensor on a dam"), (of_smc({18: 3, 27: 0}), None), (of_smc({18: 2, 26: 0}), None),
     (of_smc({}), None), (of_cosmos(4, "Basement NW corner"), "sensor in the basement of a building"),
@@ -169,7 +161,6 @@ STATED = [
     (instead("geonet_v2a", "\nFarm\n", "\nRoofing Road\n"), None),
     (instead("columns", "", "Sensor location: roof\nunits: m/s2\n"), ROOF),
     (instead("columns", "", "Sensor depth: 30 m\nunits: m/s2\n"), "30 m below the surface"),
-    (instead("columns", "", "Hypocentre depth: 12 km\nunits: m/s2\n"), None),
 ]  # fmt: skip
 """What each format says of its sensor's place in its own way, and what is understood; None of the free field."""
 

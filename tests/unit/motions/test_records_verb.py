@@ -36,18 +36,6 @@ def test_import_reads_what_it_can_and_ends_with_what_it_left_out(tmp_path):
     assert set(wanted.split()) <= set(row)
 
 
-def test_import_notes_what_was_odd_in_what_it_read(tmp_path):
-    folder = tmp_path / "in"
-    folder.mkdir()
-    for path in WRITERS["peer"](folder, shaking() * 40 / np.abs(shaking()).max()):
-        path.write_text(path.read_text().replace("NPTS=    400", "NPTS=    399"))
-    result = run("import", folder, "--out", tmp_path / "out")
-    assert result.stderr.count("400 samples where the header counts 399: the last 1 left out") == 3
-    assert "note on RSN9_TEST_STA: PGA is 40.3 m/s2, more than 3 g" in result.stderr
-    notes = json.loads(run("import", folder, "--out", tmp_path / "json", "--json").stdout)["notes"]
-    assert [note["record"] for note in notes] == ["RSN9_TEST_STA"] * 4
-
-
 def test_import_takes_what_files_do_not_say_from_the_table_and_hints_at_one(tmp_path):
     folder = tmp_path / "in"
     folder.mkdir()
@@ -78,16 +66,6 @@ def made(tmp_path_factory):
     return folder
 
 
-def test_show_prints_a_row_a_record_and_draws_one_figure(made, tmp_path):
-    figure = tmp_path / "figure.png"
-    result = run("show", made, "--figure", figure)
-    assert all(f"S000{n}" in result.output for n in range(1, 7))
-    assert figure.read_bytes().startswith(b"\x89PNG")
-    assert [p.name for p in tmp_path.iterdir()] == ["figure.png"]
-    rows = [json.loads(line) for line in run("show", made, "--json").stdout.splitlines()]
-    assert len(rows) == 6
-
-
 def test_select_makes_a_smaller_ensemble_of_the_same_records(made, tmp_path):
     rows = Ensemble.load(made).catalog.to_pylist()
     far = max(row["distance_km"] for row in rows)
@@ -108,11 +86,6 @@ def test_a_selection_of_a_weighted_ensemble_keeps_its_weights(made, tmp_path):
     weighted, near = (Ensemble.load(tmp_path / name) for name in ("weighted", "near"))
     assert len(set(weighted.catalog["weight"].to_pylist())) == 2
     assert near.catalog["weight"] == weighted.catalog["weight"]
-
-
-@pytest.mark.parametrize("verb", ["import", "show", "select", "synthesise"])
-def test_help_shows_a_working_example(verb):
-    assert f"toppling records {verb} " in run(verb, "--help").output
 
 
 def test_import_resamples_when_told_and_keeps_what_both_steps_can_hold(tmp_path):

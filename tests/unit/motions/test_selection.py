@@ -49,11 +49,6 @@ def test_a_choice_of_nothing_is_refused_and_names_the_condition_that_left_none(e
         select(ensemble, Choice(magnitude=(6.0, 7.0), distance_km=(50.0, 60.0)))
 
 
-def test_each_condition_says_how_many_records_it_leaves(ensemble):
-    _, left = select(ensemble, Choice(magnitude=(6.0, 7.0), distance_km=(0.0, 20.0), most_per_event=1))
-    assert [count for _, count in left] == [3, 2, 1]
-
-
 @pytest.mark.parametrize("name", ["magnitude", "distance_km", "pga_m_s2", "pgv_pga_s"])
 def test_swapped_ends_of_a_range_are_refused_with_the_range_that_was_meant(name):
     with refused("selection.range_reversed", "5 6"):
@@ -80,16 +75,6 @@ def test_a_count_spreads_evenly_over_the_ranks_of_pulse_length_with_both_ends(pu
         assert max(steps) - min(steps) <= 1
 
 
-def test_ranges_of_peaks_and_pulse_lengths_keep_what_lies_within(pulses):
-    ensemble, names = pulses
-    table = {row["record_id"]: row for row in ensemble.catalog.to_pylist()}
-    for field in ("pga_m_s2", "pgv_pga_s"):
-        low, high = (table[names[place]][field] for place in (2, 5))
-        kept, _ = select(ensemble, Choice(**{field: (low, high)}))
-        assert sorted(kept) == sorted(n for n in names if low <= table[n][field] <= high)
-        assert 2 <= len(kept) < 9
-
-
 def deaggregation(tmp_path, text):
     table = tmp_path / "deaggregation.csv"
     table.write_text(f"magnitude_low,magnitude_high,distance_low_km,distance_high_km,contribution\n{text}")
@@ -101,14 +86,3 @@ def test_weights_share_each_bins_contribution_and_add_up_to_one(ensemble, tmp_pa
     weights, empty = hazard_weights(ensemble, ensemble.record_ids, bins)
     assert weights == pytest.approx({"A1": 0.375, "A2": 0.375, "A3": 0.0, "B1": 0.25, "C1": 0.0})
     assert [b.contribution for b in empty] == [60]
-
-
-@pytest.mark.parametrize("row", ["6,7,0,20,-1", "7,6,0,20,1", "6,7,0,twenty,1", "6,7,0"])
-def test_a_wrong_bin_is_refused_with_its_line(row, tmp_path):
-    with refused("deaggregation.bin_unreadable", "csv:2"):
-        deaggregation(tmp_path, row + "\n")
-
-
-def test_weights_survive_the_disk(ensemble, tmp_path):
-    written = Ensemble.write(tmp_path / "w", [dataclasses.replace(ensemble.record("A1"), weight=0.25)])
-    assert written.record("A1").weight == 0.25

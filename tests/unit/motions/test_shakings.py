@@ -88,18 +88,3 @@ def test_one_name_of_the_table_is_one_shaking_only_if_the_records_begin_together
             stream.write(str(path), format="MSEED")
     outcome = imported(tmp_path, ("Testquake", "Testquake"), unit="5e-6 m/s2")
     assert len(outcome.records) == records
-
-
-@pytest.mark.parametrize(
-    "columns", ["time (s),EW (m/s2),NS (m/s2)", "time (s),EW (m/s2),NS (m/s2),UD (m/s2)"]
-)
-def test_numbered_files_of_one_station_that_each_hold_a_record_are_records_of_their_own(columns, tmp_path):
-    for seed in (0, 1):
-        samples = shaking(seed=seed)[:, : columns.count("m/s2")]
-        rows = [",".join(f"{value:.6f}" for value in (0.01 * k, *row)) for k, row in enumerate(samples)]
-        (tmp_path / f"event{seed}.csv").write_text("\n".join([columns, *rows]) + "\n")
-    outcome = import_records(
-        record_files([tmp_path]), [], ImportOptions(missing_vertical=True, process=False)
-    )
-    assert [str(refusal.reason) for refusal in outcome.refusals] == []
-    assert len(outcome.records) == 2

@@ -71,26 +71,6 @@ def test_a_record_is_the_same_however_its_text_is_written(name, change, tmp_path
     assert (record.sha, record.event, record.station) == (expected.sha, expected.event, expected.station)
 
 
-@pytest.mark.parametrize("end", [b"\x1a", b"\0" * 512, b"\r\n\x0c"])
-def test_what_stands_behind_a_station_xml_is_left_out_as_of_every_text(end, tmp_path):
-    WRITERS["miniseed"](tmp_path, shaking(120))
-    (xml,) = tmp_path.glob("*.xml")
-    xml.write_bytes(xml.read_bytes() + end)
-    assert len(imported(tmp_path).records) == 1
-
-
-@pytest.mark.parametrize("encoding", ["latin-1", "cp1252", "utf-8", "utf-16"])
-@pytest.mark.parametrize("unit", ["cm/s²", "mm/s²"])
-def test_units_are_read_in_every_encoding(encoding, unit, tmp_path):
-    times, a = np.arange(200) * STEP_S, shaking(200)
-    lines = [f"Station Michoacán;EW ({unit});NS ({unit});UD ({unit})".replace("Station Michoacán", "t (s)")]
-    lines += [";".join(f"{v:.5f}" for v in row) for row in np.column_stack([times, a * 100])]
-    (tmp_path / "r.csv").write_bytes("\n".join(lines).encode(encoding))
-    first, *_ = read_file(tmp_path / "r.csv")
-    factor = {"cm/s²": 1.0, "mm/s²": 0.1}[unit]
-    assert np.abs(first.acceleration_m_s2 - a[:, 0] * factor).max() < 1e-6
-
-
 @pytest.mark.parametrize("between", [";", "\t", "; ", "  ", ", "])
 @pytest.mark.parametrize("columns", [1, 2, 4])
 def test_decimal_commas_are_read_where_something_else_stands_between_numbers(columns, between, tmp_path):
@@ -101,19 +81,6 @@ def test_decimal_commas_are_read_where_something_else_stands_between_numbers(col
     found = read_file(tmp_path / "r.txt")
     assert np.abs(found[0].acceleration_m_s2 - a[:, 0]).max() < 1e-6
     assert columns == 1 or found[0].time_step_s == STEP_S
-
-
-def test_integers_between_commas_are_two_columns(tmp_path):
-    (tmp_path / "r.csv").write_text("t (ms),a\n" + "".join(f"{10 * i},{i % 7}\n" for i in range(50)))
-    (found,) = read_file(tmp_path / "r.csv")
-    assert found.time_step_s == 0.01
-    assert found.acceleration_m_s2.tolist() == [i % 7 for i in range(50)]
-
-
-def test_a_count_of_rows_is_no_time(tmp_path):
-    (tmp_path / "r.csv").write_text("".join(f"{i},0.{i % 7}\n" for i in range(50)))
-    with refused("record.step_out_of_range", "1 s"):
-        read_file(tmp_path / "r.csv")
 
 
 @pytest.mark.parametrize("columns", [1, 3])
@@ -138,7 +105,3 @@ def test_the_step_is_found_whatever_the_digits_of_the_times(step_s, digits, tmp_
 @pytest.mark.parametrize("content", [b"000001D \0\0\0abc" * 40, b"\x01\0\x02\0\0\0\x03\0" * 100, bytes(200)])
 def test_binary_files_are_no_text(content):
     assert text_of(b"x" + content + b"x") is None
-
-
-def test_zeros_within_a_line_are_no_filling():
-    assert text_of(b"1 2\n3 \0 4\n") is None

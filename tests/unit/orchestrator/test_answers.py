@@ -2,8 +2,6 @@
 
 import dataclasses
 import math
-import time
-import timeit
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
@@ -200,17 +198,3 @@ def test_holding_the_displacement_may_take_pga_but_adds_none(planned):
     level = held.spec(job).pga_m_s2
     assert asked.checked(np.array([job]), table_of([row | {"pga_m_s2": 0.7}]))[1] == {}
     assert "pga_m_s2" in asked.checked(np.array([job]), table_of([row | {"pga_m_s2": level * 1.1}]))[1][0]
-
-
-def test_checking_a_row_of_a_usual_batch_costs_little(planned):
-    """Of the thirtieth of a millisecond that a client may take for a job, a third."""
-    asked, plan, rows = planned
-    jobs, table = np.resize(np.arange(len(plan)), 200), table_of(rows)
-    table = table.take(jobs)
-    assert asked.checked(jobs, table)[1] == {}
-    assert (
-        min(timeit.repeat(lambda: asked.checked(jobs, table), timer=time.process_time, number=3, repeat=7))
-        / 3
-        / 200
-        < 2e-5
-    )

@@ -41,13 +41,6 @@ def test_the_list_of_verbs_imports_none_and_the_help_of_one_no_cluster():
     assert "Usage: toppling scan" in told
 
 
-def test_verbs_are_imported_without_docstrings_and_then_have_no_words():
-    program = "import sys; from toppling.orchestrator.cli import cli; cli(['check', '--help'], prog_name='toppling')"
-    told = subprocess.run([sys.executable, "-OO", "-c", program], capture_output=True, text=True, check=True)
-    assert "--neighbours" in told.stdout
-    assert "weaker" not in told.stdout
-
-
 RUN = ["run", "c.toml", "--out", "run"]
 
 
@@ -168,19 +161,6 @@ def test_the_command_to_go_on_with_is_read_as_the_one_that_was_given():
     assert "--no-estimate" not in run_verb.command_to_go_on(
         command.make_context("run", [*words, "--no-estimate"])
     )
-
-
-@pytest.mark.parametrize(
-    ("option", "value", "words"),
-    [
-        (click.Option(["--open/--no-open"]), True, ["--open"]),
-        (click.Option(["--open/--no-open"]), False, ["--no-open"]),
-        (click.Option(["--stood"], multiple=True), ("a", "b"), ["--stood", "a", "--stood", "b"]),
-        (click.Option(["--site"], nargs=2), (1.5, 2.0), ["--site", "1.5", "2.0"]),
-    ],
-)
-def test_an_option_goes_on_as_it_was_given(option, value, words):
-    assert run_verb.as_given(option, value) == words
 
 
 def test_the_help_lists_every_verb_in_one_group():

@@ -10,12 +10,9 @@ from types import ModuleType, SimpleNamespace
 
 import dask
 import pytest
-from click.testing import CliRunner
 from distributed import SpecCluster
 from refusals import refused
-from small_campaigns import campaign_in
 
-from toppling.orchestrator.cli import cli
 from toppling.orchestrator.cluster import (
     _queue_session,
     _warn_of_open_door,
@@ -37,22 +34,6 @@ def test_an_address_that_asks_for_tls_is_refused_without_certificates_and_nothin
         existing("tls://127.0.0.1:1").__enter__()
     # A client that is still open would wait for its loop for a minute when the program ends.
     assert set(threading.enumerate()) <= before
-
-
-@pytest.mark.parametrize(
-    ("options", "told"),
-    [
-        (["--workers", "2", "--scheduler", "tcp://x:1"], "exclude each other"), (["--dry-run"], "--queue"),
-    ],
-)  # fmt: skip
-def test_wrong_usage_of_a_cluster_is_told_and_writes_nothing(tmp_path, options, told):
-    campaign_in(tmp_path, pga_m_s2=[2])
-    done = CliRunner().invoke(
-        cli, ["run", str(tmp_path / "campaign.toml"), "--out", str(tmp_path / "run"), *options]
-    )
-    assert done.exit_code == 2
-    assert told in done.output
-    assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.parametrize("asked", [(10_000, None), (1, 10_000)])
@@ -122,18 +103,6 @@ def test_batch_jobs_find_the_key_in_a_folder_of_the_user_alone(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_lines_under_the_old_and_the_new_name_both_reach_the_script_of_a_batch_job(recwarn):
-    pytest.importorskip("dask_jobqueue")
-    lines = {
-        "jobqueue.slurm.env-extra": ["module load old"],
-        "jobqueue.slurm.job-script-prologue": ["module load new"],
-    }
-    with dask.config.set(BATCH_JOB | lines):
-        script = job_script("slurm")
-    assert [one.category for one in recwarn if one.category is FutureWarning] == []
-    assert script.index("module load old") < script.index("module load new") < script.index("dask_worker")
-
-
 def test_what_is_asked_of_a_batch_job_comes_before_the_configuration():
     pytest.importorskip("dask_jobqueue")
     asked = {"queue": "long", "account": "geo", "walltime": "03:00:00", "memory": "5GB"}
@@ -147,13 +116,6 @@ def test_what_is_asked_of_a_batch_job_comes_before_the_configuration():
     ] == []
     assert "-p short" in given
     assert "-t 00:30:00" in given
-
-
-@pytest.mark.parametrize("kind", ["oar", "moab"])
-def test_batch_systems_that_dask_knows_are_known(kind):
-    pytest.importorskip("dask_jobqueue")
-    with dask.config.set({f"jobqueue.{kind}.cores": 1, f"jobqueue.{kind}.memory": "2GB"}):
-        assert CLOSED in job_script(kind)
 
 
 def refusal_of_queue(code, interface, folder):

@@ -6,7 +6,6 @@ import shutil
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from refusals import refused
 from small_campaigns import planned_in
 
@@ -17,7 +16,6 @@ from toppling.models.pedestal import Pedestal
 from toppling.models.scene import Scene
 from toppling.orchestrator import run_folder
 from toppling.orchestrator.campaign import Campaign
-from toppling.orchestrator.cli import cli
 from toppling.orchestrator.journal import journal, last, log_event
 from toppling.orchestrator.plan import plan_of
 from toppling.orchestrator.run_folder import prepare, session
@@ -136,19 +134,6 @@ def damage(path, chance):
     content[bit // 8] ^= 1 << bit % 8
     path.write_bytes(content)
     return f"bit {bit} flipped"
-
-
-@pytest.mark.parametrize("verb", ["status", "query"])
-def test_a_bit_in_the_name_of_a_column_does_not_turn_it_into_nulls(runs, tmp_path, verb):
-    run = shutil.copytree(runs / "complete", tmp_path / "run")
-    path = run / "results.parquet"
-    content = bytearray(path.read_bytes())
-    content[content.rfind(b"toppled", 0, content.rfind(b"ARROW:schema"))] ^= (
-        1  # as the footer names the column
-    )
-    path.write_bytes(content)
-    done = CliRunner().invoke(cli, [verb, str(run), *(["select * from results"] if verb == "query" else [])])
-    assert (done.exception.code, done.exception.where) == ("file.damaged", str(path))
 
 
 def test_a_run_whose_own_files_are_damaged_does_not_go_on(runs, tmp_path):

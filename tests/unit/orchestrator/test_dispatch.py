@@ -31,11 +31,6 @@ def test_the_last_jobs_go_out_the_longest_records_first(jobs, workers, last):
     assert sorted(out) == list(range(jobs))
 
 
-def test_a_batch_holds_as_many_jobs_as_its_time_has_room_for_and_few_as_long_as_that_is_unknown():
-    assert {len(batch.jobs) for batch in [dispatch_of(5043).next_batch(2)]} == {FIRST_JOBS}
-    assert len(dispatch_of(5043).next_batch(1, room=1000).jobs) == 1000
-
-
 def test_batches_shrink_to_single_jobs_at_the_end():
     dispatch = dispatch_of(1000)
     sizes = [len(batch.jobs) for batch in drain(dispatch, workers=2)]
@@ -52,17 +47,6 @@ def test_after_a_death_every_job_of_the_batch_is_tried_alone():
     assert [lone.jobs for lone in again] == [(job,) for job in batch.jobs]
     assert all(lone.alone and lone.attempt == 2 for lone in again)
     assert not dispatch.next_batch(1).alone
-
-
-def test_only_a_job_that_kills_its_worker_alone_again_and_again_is_given_up():
-    dispatch = dispatch_of(1)
-    assert dispatch.died(dispatch.next_batch(1)) is None
-    for _ in range(Limits.tries - 1):
-        assert dispatch.died(dispatch.next_batch(1)) is None
-    last = dispatch.next_batch(1)
-    assert last.attempt == Limits.tries + 1
-    assert dispatch.died(last) == 0
-    assert dispatch.next_batch(1) is None
 
 
 @pytest.mark.parametrize(
@@ -107,15 +91,6 @@ def test_under_any_course_of_events_every_job_ends_once_and_only_killers_are_giv
             dispatch.came_back(batch, count)
     assert sorted(done + given_up) == list(range(jobs))
     assert given_up == ([killer] if killer < jobs else [])
-
-
-@pytest.mark.parametrize("finished", [0, 5])
-def test_waiting_counts_what_is_not_handed_out(finished):
-    dispatch = dispatch_of(40)
-    batch = dispatch.next_batch(1)
-    assert len(dispatch) == 40 - len(batch.jobs)
-    dispatch.came_back(batch, finished)
-    assert len(dispatch) == 40 - finished
 
 
 def idle_share_at_the_end(cost_s, duration_s, workers):

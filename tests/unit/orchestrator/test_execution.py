@@ -97,14 +97,6 @@ def test_a_job_that_always_kills_its_worker_is_the_only_one_lost(planned, sessio
     assert all(entry["worker"] == "worker 0" for entry in told)
 
 
-def test_a_job_that_kills_twice_is_tried_a_third_time(planned, session):
-    culprit = job_of(planned, 5)
-    one = session(faults=lambda job, begun: "died" if job == culprit and begun <= 2 else None)
-    one()
-    assert statuses(one) == {"ok": 24}
-    assert one.rows[culprit]["attempt"] == 3
-
-
 def test_workers_that_leave_cost_no_try_and_are_no_deaths(session):
     one = session(faults=lambda job, begun: "left" if begun <= 4 else None, jobs_at_once=1)
     progress = one(limits=Limits(tries=1))

@@ -17,7 +17,6 @@ from toppling.orchestrator.cli import cli
 from toppling.orchestrator.run_folder import prepare
 from toppling.orchestrator.studies.audit import AUDITORS
 from toppling.orchestrator.task import versions
-from toppling.orchestrator.verbs.watch import shown
 from toppling.results.reader import open_run
 from toppling.results.run_integrity import AUDIT_FOLDER, DRAWN_FILE, NEEDED, REFERENCE, write_jobs
 from toppling.results.store import compact, finished_ids, write_part
@@ -100,11 +99,6 @@ def test_a_file_of_another_run_is_refused_by_name(swap, runs, name, verb):
     done = call(VERBS[verb], swap(name), runs[0])
     assert done.exception.code in ("run.file_foreign", "run.weights_unreadable"), done.output
     assert Path(name).name in str(done.exception)
-
-
-def test_watching_refuses_a_file_of_another_run(swap):
-    with refused("run.file_foreign"):
-        shown(swap("results.parquet"))
 
 
 def test_a_part_of_another_run_is_refused_and_stays_where_it_is(runs, tmp_path):

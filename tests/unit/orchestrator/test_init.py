@@ -12,7 +12,7 @@ from toppling.models.scene import Scene
 from toppling.orchestrator.advice import warnings_of
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cli import cli
-from toppling.orchestrator.pilot import Pilot, levels_to_try, spread_records, try_out
+from toppling.orchestrator.pilot import try_out
 from toppling.orchestrator.verbs.init import levels_between
 
 
@@ -69,23 +69,3 @@ def test_levels_begin_above_zero_and_below_the_least_and_reach_the_most(least, r
     assert len(levels) >= 2
     if 0.5 < least * (ratio - 0.9) / count < 9.0:
         assert count / 2.5 <= len(levels) <= 2.5 * count + 2
-
-
-@given(st.floats(0.05, 60.0))
-def test_levels_that_are_tried_rise_to_twice_gravity_or_for_a_squat_rock_beyond(least):
-    levels = levels_to_try(least)
-    assert levels == sorted(levels)
-    assert levels[0] > least
-    assert levels[-1] == max(20.0, 4.0 * least)
-
-
-def test_where_most_topple_is_where_four_in_five_do_or_the_highest_level_tried():
-    inf = float("inf")
-    assert Pilot((3.0, 2.0, 5.0, 4.0, inf), 9.0, 1.0).most_at_m_s2 == 5.0
-    assert Pilot((3.0, 2.0, inf, 4.0, inf), 9.0, 1.0).most_at_m_s2 == 9.0
-
-
-def test_records_on_trial_range_from_short_pulses_to_long_ones(inputs):
-    ensemble = Ensemble.load(inputs / "quakes")
-    assert spread_records(ensemble, 2) == ["P1", "P3"]
-    assert sorted(spread_records(ensemble, 99)) == ensemble.record_ids

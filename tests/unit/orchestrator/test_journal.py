@@ -43,14 +43,6 @@ def test_a_line_that_a_crash_cut_spoils_no_other(tmp_path):
     assert last(tmp_path, "rows stored")["done"] == 1
 
 
-def test_the_newest_entry_of_a_kind_is_found_in_a_long_log(tmp_path):
-    with journal(tmp_path):
-        for n in range(5000):
-            log_event("rows stored", done=n)
-    assert last(tmp_path, "rows stored")["done"] == 4999
-    assert last(tmp_path, "session ended") is None
-
-
 def test_a_log_that_leads_elsewhere_is_not_followed(tmp_path):
     (tmp_path / "elsewhere").write_text("mine")
     (tmp_path / LOG_FILE).symlink_to(tmp_path / "elsewhere")

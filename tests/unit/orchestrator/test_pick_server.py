@@ -108,11 +108,6 @@ def test_nothing_but_the_page_is_there(server, path):
     assert asked(server, f"/{server.secret}/{path}")[0] == 404
 
 
-@pytest.mark.parametrize("method", ["PUT", "DELETE", "OPTIONS", "PATCH"])
-def test_other_methods_are_not_understood(server, method):
-    assert asked(server, f"/{server.secret}/hints", "{}", method)[0] == 501
-
-
 @pytest.mark.parametrize(
     "content",
     [
@@ -161,18 +156,6 @@ def test_what_is_too_long_or_has_no_length_is_not_read(server):
         assert told(server, "hints", "{}", **{"Content-Length": length})[0] == 400
     assert told(server, "hints", "{}", **{"Content-Type": "text/plain"})[0] == 400
     assert not server.picking.said
-
-
-@pytest.mark.parametrize(
-    "content",
-    [
-        "{}", "[]", '{"at_m": [0, 0]}', '{"at_m": [0, 0, "a"], "eye_m": [0, 0, 0]}', '{"at_m": [0, 0, NaN]}',
-        '{"at_m": [0, 0, -Infinity]}', '{"at_m": [0, 0, 1' + "0" * 400 + "]}",
-    ],
-)  # fmt: skip
-def test_a_click_without_its_places_is_refused(server, content):
-    assert told(server, "pick", content)[0] == 400
-    assert told(server, "detail", content)[0] == 400
 
 
 def test_saving_and_ending_are_said_by_the_page(server):

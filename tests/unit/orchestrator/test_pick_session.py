@@ -15,7 +15,7 @@ from toppling.models.scan.register import Registered
 from toppling.orchestrator.pick import apart
 from toppling.orchestrator.pick import picking as picking_module
 from toppling.orchestrator.pick.page import UserHints, View
-from toppling.orchestrator.pick.picking import Answer, Picking, Placed
+from toppling.orchestrator.pick.picking import Picking, Placed
 
 NEAR = [UserHints(near=(float(n), 0.0)) for n in range(6)]
 
@@ -122,42 +122,6 @@ def test_only_the_latest_hints_are_worked_out(picking, work):
     assert len(work.splits) == 2
 
 
-def test_a_hint_on_the_base_leaves_the_split_as_it_is_and_undo_costs_nothing(picking, work):
-    work.go.set()
-    until(picking, lambda state: state["current"])
-    touched = UserHints(near=NEAR[0].near, touch=((1.0, 2.0, 3.0),))
-    picking.say(touched)
-    until(picking, lambda state: state["current"])
-    assert len(work.splits) == 1
-    assert [len(inspection.touching_m) for _, inspection in work.bases] == [0, 1]
-    picking.say(NEAR[0])
-    until(picking, lambda state: state["current"])
-    assert len(work.bases) == 2
-
-
-def test_fewer_than_three_points_say_nothing_of_the_interface_yet(picking, work):
-    work.go.set()
-    until(picking, lambda state: state["current"])
-    picking.say(UserHints(near=NEAR[0].near, point=((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))))
-    until(picking, lambda state: state["current"])
-    assert len(work.splits) == 1
-
-
-def test_an_outline_splits_the_cloud_anew_and_is_the_interface(picking, work):
-    work.go.set()
-    until(picking, lambda state: state["current"])
-    square = ((100.0, 200.0, 1.0), (101.0, 200.0, 1.0), (101.0, 201.0, 1.0), (100.0, 201.0, 1.0))
-    outlined = UserHints(near=NEAR[0].near, outline=square)
-    assert outlined.hint().encloses
-    assert outlined.hint().interface.normal == pytest.approx([0.0, 0.0, 1.0])
-    picking.say(outlined)
-    until(picking, lambda state: state["current"])
-    assert len(work.splits) == 2
-    picking.say(NEAR[0])
-    until(picking, lambda state: state["current"])
-    assert [inspection.says_nothing for _, inspection in work.bases] == [True] * len(work.bases)
-
-
 def test_a_refusal_is_told_and_goes_with_the_next_hint(picking, work, written):
     work.go.set()
     until(picking, lambda state: state["current"])
@@ -190,6 +154,17 @@ def test_what_is_saved_is_what_was_said_last(picking, work, written):
     assert (state["saving"], state["target"]) == (False, "rock")
 
 
+@pytest.mark.parametrize("up", [*AXES, "0.2,1,-3"])
+def test_ends_of_a_length_are_told_in_coordinates_of_the_model(up):
+    rng = np.random.default_rng(5)
+    model = rng.normal(size=(4, 3))
+    placement = placement_of(up, ((0, 0, 0), (3, 0, 0), 1.2))
+    cloud = Cloud(placement.apply(model), np.zeros(3), np.zeros(4, np.int32), ())
+    placed = Placed(cloud, placement)
+    assert placed.model(cloud.points_m) == pytest.approx(model, abs=1e-12)
+    assert placed.metres(model) == pytest.approx(cloud.points_m, abs=1e-12)
+
+
 def test_a_cloud_that_is_placed_anew_is_read_and_split_anew(picking, work):
     work.go.set()
     number = until(picking, lambda state: state["current"])["view"]["number"]
@@ -207,65 +182,3 @@ def test_a_cloud_that_is_placed_anew_is_read_and_split_anew(picking, work):
     picking.say(turned)
     until(picking, lambda state: state["current"])
     assert len(work.reads) == 2
-
-
-@pytest.mark.parametrize("up", [*AXES, "0.2,1,-3"])
-def test_ends_of_a_length_are_told_in_coordinates_of_the_model(up):
-    rng = np.random.default_rng(5)
-    model = rng.normal(size=(4, 3))
-    placement = placement_of(up, ((0, 0, 0), (3, 0, 0), 1.2))
-    cloud = Cloud(placement.apply(model), np.zeros(3), np.zeros(4, np.int32), ())
-    placed = Placed(cloud, placement)
-    assert placed.model(cloud.points_m) == pytest.approx(model, abs=1e-12)
-    assert placed.metres(model) == pytest.approx(cloud.points_m, abs=1e-12)
-
-
-def test_a_fault_of_the_program_is_told_and_not_the_end(picking, work, capsys):
-    work.go.set()
-    until(picking, lambda state: state["current"])
-    work.splits = None  # no list to append to
-    picking.say(NEAR[1])
-    assert "AttributeError" in until(picking, lambda state: state["error"])["error"]["what"]
-    assert "Traceback" in capsys.readouterr().err
-    picking.say(NEAR[0])
-    until(picking, lambda state: state["current"])
-
-
-def test_a_refused_scan_is_not_saved_later_on(picking, work, written):
-    work.refused.add(NEAR[0].near)
-    picking.save()
-    work.go.set()
-    until(picking, lambda state: state["error"] and not state["saving"])
-    picking.say(NEAR[1])
-    until(picking, lambda state: state["current"])
-    assert not written
-
-
-def test_what_is_kept_is_shown_at_once_and_takes_hints_on_the_base_only(work, written):
-    work.go.set()
-    cloud = Cloud(np.zeros((3, 3)), np.zeros(3), np.zeros(3, np.int32), ())
-    kept = Answer(UserHints(), Worked("kept"), np.zeros(3, np.int8), (), "survey")
-    picking = Picking(
-        Placed(cloud, Placement()),
-        work.read,
-        lambda survey, said: written.append(said),
-        "rock",
-        UserHints(),
-        kept,
-    )
-    assert picking.state()["current"]
-    thread = threading.Thread(target=picking.work, daemon=True)
-    thread.start()
-    until(picking, lambda state: not state["stage"])
-    assert not work.splits
-    assert not work.bases
-    picking.say(NEAR[1])
-    assert "needs the clouds" in until(picking, lambda state: state["error"])["error"]["what"]
-    touched = UserHints(touch=((1.0, 2.0, 3.0),))
-    picking.say(touched)
-    picking.save()
-    until(picking, lambda state: state["saved"])
-    assert (work.splits, len(work.bases), written) == ([], 1, [touched])
-    picking.end()
-    thread.join(30)
-    assert not thread.is_alive()

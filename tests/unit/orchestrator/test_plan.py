@@ -109,16 +109,6 @@ def test_jobs_that_a_worker_prepares_one_scene_for_follow_each_other(campaign):
     assert changes + 1 == 3 * 2 * 3  # records, frictions, realisations: each once
 
 
-def test_where_a_record_shakes_a_scene_once_jobs_of_a_scene_travel_together(campaign):
-    asked = {"pga_m_s2": (), "azimuth_deg": (), "friction": ((0.8, 0.8), (0.6, 0.6)), "realisations": 3}
-    whole = planned(campaign, **asked)
-    scenes = whole.jobs.select(["friction_static", "realisation"]).to_pylist()
-    changes = sum(one != other for one, other in pairwise(scenes))
-    assert changes + 1 == 2 * 3  # frictions, realisations: each once, with every record
-    out = [scenes[row] for row in whole.pending(set())]
-    assert sum(one != other for one, other in pairwise(out)) + 1 == 2 * 3
-
-
 @pytest.mark.parametrize(
     "change",
     [
@@ -172,17 +162,6 @@ def test_a_run_holds_all_that_is_needed_to_repeat_it(campaign, tmp_path):
     assert copied.scene == tmp_path / "run" / "scene"
     assert plan(copied, Scene.load(copied.scene), Ensemble.load(copied.ensemble)).id == whole.id
     assert describe(tmp_path / "run")["jobs"] == len(whole)
-
-
-def test_a_campaign_whose_scene_is_gone_points_to_the_copy_that_its_run_keeps(campaign, tmp_path):
-    run_folder = tmp_path / "run"
-    prepare(run_folder, planned(campaign), VERSIONS)
-    text = f'scene = "gone"\nensemble = "{campaign.ensemble}"\npga_m_s2 = [2]\nazimuth_deg = [0]\nfriction = [0.9]\n'
-    (tmp_path / "campaign.toml").write_text(text)
-    asked = ["run", str(tmp_path / "campaign.toml"), "--out", str(run_folder)]
-    error = CliRunner().invoke(cli, asked).exception
-    assert error.code == "file.absent"
-    assert f"toppling run {run_folder / 'campaign.toml'} --out {run_folder}" in error.remedy
 
 
 def test_another_campaign_or_version_is_refused_and_the_run_is_left_as_it_was(campaign, tmp_path):
@@ -292,11 +271,3 @@ def test_a_million_jobs_are_planned_and_tracked_in_two_gigabytes(campaign):
     jobs, memory_kb = map(int, told.stdout.split()[-2:])
     assert jobs > 1_000_000
     assert memory_kb < 2_000_000
-
-
-def test_jobs_go_out_in_blocks_of_all_records_levels_and_azimuths(campaign):
-    whole = planned(campaign, pga_m_s2=(2.0, 4.0, 6.0), azimuth_deg=(0.0, 90.0, 180.0))
-    first = whole.jobs.take(whole.pending(set())[:9])
-    for column in ("record_id", "pga_m_s2", "azimuth_deg"):
-        counts = [entry["counts"] for entry in first[column].value_counts().to_pylist()]
-        assert counts == [3, 3, 3]

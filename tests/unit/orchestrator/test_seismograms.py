@@ -1,6 +1,5 @@
 """Seismograms at many sites, each shaken with the rocks that stand there."""
 
-import shutil
 from dataclasses import dataclass, replace
 
 import pandas as pd
@@ -10,7 +9,6 @@ from refusals import refused
 
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
-from toppling.models.motions.motion import Motion
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.orchestrator.site_table import Site
@@ -20,7 +18,6 @@ from toppling.orchestrator.studies.seismograms import (
     matrix_of,
     of_ensemble,
     of_records,
-    read_seismograms,
     seismograms_of,
 )
 
@@ -111,13 +108,3 @@ def test_a_folder_named_as_a_site_stands_for_its_station(sites, records):
 def test_seismograms_of_no_site_are_refused(sites, records):
     with refused("rocks.no_seismograms", "2"):
         check_sites(sites[:2], of_records(records[4:]), [1.0], "fast", workers=1)
-
-
-def test_an_ensemble_that_is_written_again_is_read_again(records, tmp_path):
-    Ensemble.write(tmp_path / "quakes", records[:1])
-    (before,) = read_seismograms([tmp_path / "quakes"], None, False).records()
-    stronger = Motion(2.0 * before.motion.acceleration_m_s2, before.motion.time_step_s)
-    shutil.rmtree(tmp_path / "quakes")
-    Ensemble.write(tmp_path / "quakes", [Record.of("ECHO0", stronger, station="ECHO", event="event 0")])
-    (after,) = read_seismograms([tmp_path / "quakes"], None, False).records()
-    assert after.intensity["pga_m_s2"] == pytest.approx(2.0 * before.intensity["pga_m_s2"])

@@ -22,13 +22,6 @@ def test_a_misspelt_verb_or_choice_is_answered_with_what_was_meant(words, meant)
     assert f"Did you mean '{meant}'?" in done.stderr
 
 
-def test_a_word_like_no_verb_gets_the_list():
-    done = CliRunner().invoke(cli, ["xyzzy"])
-    assert done.exit_code == 2
-    assert "Did you mean" not in done.stderr
-    assert "fragility" in done.stderr
-
-
 @pytest.mark.parametrize("verb", VERBS)
 def test_each_verb_with_a_letter_left_out_is_found_again(verb):
     assert nearest(verb[:2] + verb[3:], VERBS) == verb

@@ -35,33 +35,6 @@ def rows(planned, reasons):
     ]
 
 
-def test_a_run_that_has_not_begun_has_no_rows_and_no_rate(planned, tmp_path):
-    state = state_of(tmp_path / "run")
-    assert (state["state"], state["jobs"], state["stored"], state["failures"]) == ("interrupted", 15, 0, [])
-    assert state["rate_per_s"] is None
-
-
-def test_an_unfinished_run_says_first_how_many_jobs_have_not_run(planned, tmp_path):
-    write_part(tmp_path / "run", rows(planned, [("ok", "")] * 4))
-    assert state_of(tmp_path / "run")["unfinished"] == "11 of 15 jobs have not run"
-    said = CliRunner().invoke(cli, ["status", str(tmp_path / "run")]).output
-    assert said.startswith(f"{tmp_path / 'run'}: interrupted: 11 of 15 jobs have not run\n")
-    write_part(tmp_path / "run", [row | {"attempt": 3} for row in rows(planned, [("ok", "")] * 15)])
-    assert state_of(tmp_path / "run")["unfinished"] == ""
-
-
-def test_another_campaign_is_refused_before_a_word_on_the_time_left(planned, tmp_path):
-    costs = [row | {"wall_s": 1.0} for row in rows(planned, [("ok", "")] * 4)]
-    write_part(tmp_path / "run", costs)
-    other = tmp_path / "other.toml"
-    other.write_text(
-        'scene = "scene"\nensemble = "ensemble"\npga_m_s2 = [1, 2]\nazimuth_deg = [0]\nfriction = [0.8]\n'
-    )
-    said = CliRunner().invoke(cli, ["run", str(other), "--out", str(tmp_path / "run"), "--workers", "1"])
-    assert said.output == ""
-    assert said.exception.code == "run.of_another_campaign"
-
-
 def test_the_same_failure_of_many_jobs_is_told_once_with_their_number_the_most_frequent_first(
     planned, tmp_path
 ):

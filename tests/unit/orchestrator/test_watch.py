@@ -3,12 +3,9 @@
 import hashlib
 import http.client
 import json
-import shutil
 import subprocess
 import threading
 import time
-import urllib.error
-import urllib.request
 from datetime import UTC, datetime, timedelta
 
 import pytest
@@ -17,9 +14,9 @@ from small_campaigns import planned_in
 
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
-from toppling.orchestrator.run_folder import prepare, session
+from toppling.orchestrator.run_folder import prepare
 from toppling.orchestrator.task import lost_row, versions
-from toppling.orchestrator.verbs.watch import shown, watching
+from toppling.orchestrator.verbs.watch import watching
 from toppling.results.store import write_part
 from toppling.workers.job import Assets, run_job
 
@@ -82,12 +79,6 @@ def test_the_page_is_told_progress_failures_cells_and_the_latest_topplings(serve
     assert told["latest"][0]["topple_time_s"] > 0
 
 
-def test_a_run_that_goes_on_is_called_running(run, tmp_path):
-    shutil.copytree(run, tmp_path / "run")
-    with session(tmp_path / "run"):
-        assert shown(tmp_path / "run")["sentence"].startswith("running: 5 of 12 jobs have not run")
-
-
 @pytest.mark.parametrize(
     "path", ["run.json", "../run.json", "replay/", "replay/../x", "replay/ABCDEFGH", "replay/--help12"]
 )
@@ -110,11 +101,6 @@ def test_a_toppling_is_replayed_on_a_click(server):
     assert "<canvas" in page or "view" in page
 
 
-@pytest.mark.thorough
-def test_a_job_that_is_not_there_says_so(server):
-    assert "no job begins with" in until(server, "0123456789abcdef", "the replay failed")
-
-
 @needs_browser
 def test_a_browser_draws_the_map_and_runs_nothing_that_a_run_says(server, tmp_path):
     done = subprocess.run(
@@ -130,15 +116,3 @@ def test_a_browser_draws_the_map_and_runs_nothing_that_a_run_says(server, tmp_pa
     assert "&lt;img src=x" in done.stdout
     assert "owned</title>" not in done.stdout
     assert not [line for line in done.stderr.splitlines() if "CONSOLE" in line]
-
-
-def test_a_run_that_vanishes_is_told_and_not_the_end(run, tmp_path):
-    shutil.copytree(run, tmp_path / "run")
-    with watching(tmp_path / "run", tmp_path / "replays") as server:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        shutil.rmtree(tmp_path / "run")
-        with urllib.request.urlopen(f"{server.address}state.json", timeout=10) as answer:
-            assert "not a run's folder" in json.load(answer)["error"]
-        with pytest.raises(urllib.error.HTTPError):
-            urllib.request.urlopen(f"{server.address}elsewhere", timeout=10)
-        server.shutdown()

@@ -5,13 +5,10 @@ import math
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
 import pytest
 import statsmodels.api as sm
 from seeded import row
 
-from toppling.orchestrator.campaign import Campaign
-from toppling.orchestrator.studies.audit import affordable
 from toppling.results.analysis.audit_statistics import JOB_COLUMNS, Audit, audits_json, audits_of, compare
 from toppling.results.reader import open_run
 from toppling.results.store import write_part
@@ -49,25 +46,6 @@ def drawn_anew(jobs, again, random):
     ids = [f"{number:024x}" for number in random.permutation(len(jobs))]
     jobs = jobs.assign(job_id=ids)
     return jobs, first(again.assign(job_id=ids))
-
-
-def test_an_audit_of_fewer_than_40_jobs_states_nothing():
-    jobs, again = population(1)
-    few, enough = (compare("reference", jobs, again.sort_values("job_id").head(count)) for count in (39, 40))
-    assert few is None
-    assert (enough.jobs, enough.to_json()["jobs"]) == (40, 40)
-
-
-def test_jobs_that_never_move_cost_an_audit_too(tmp_path):
-    """Of 500 jobs of a second each those of half are free of steps: a tenth of the run is 50 s, of all jobs alike."""
-    campaign = Campaign.of(
-        {"scene": "s", "ensemble": "e", "pga_m_s2": [1], "azimuth_deg": [0], "friction": [0.8]}, tmp_path
-    )
-    rows = pa.table({"wall_s": [1.0] * 500, "steps": [0, 1000] * 250})
-    jobs = affordable(campaign, rows)
-    assert jobs == 0 or 40 <= jobs <= 50
-    many = affordable(campaign, pa.table({"wall_s": [1.0] * 5000}))
-    assert 40 <= many <= 500 / 4 + 1  # the reference takes four times as many steps as the default preset
 
 
 def true_shift_percent(jobs, again):

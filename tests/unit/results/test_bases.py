@@ -5,9 +5,7 @@ import pandas as pd
 import pytest
 
 from toppling.orchestrator.order import realisations_spread
-from toppling.results.analysis.bases import base_spread, narrowed_by
-from toppling.results.analysis.exchange import read_curves, write_curves
-from toppling.results.analysis.fits import basis_of
+from toppling.results.analysis.bases import base_spread
 from toppling.results.analysis.regression import design_of, fit
 from toppling.results.analysis.resampling import sampled
 
@@ -88,19 +86,3 @@ def test_bases_without_weight_say_nothing_of_how_far_bases_differ():
     )
     assert of_all > 0.3
     assert of_even < 0.1
-
-
-def test_the_parts_of_an_interval_travel_with_its_curve(tmp_path):
-    jobs, _ = run(0.3)
-    curve = curve_of(jobs)
-    curve = curve.__class__(**{**vars(curve), "basis": basis_of(jobs, "pgv_m_s")})
-    for suffix in ("csv", "json", "xml"):
-        path = write_curves(tmp_path / f"curves.{suffix}", [curve], "rock")
-        assert read_curves(path)["pgv_m_s"].interval_parts == pytest.approx(curve.interval_parts)
-
-
-def test_what_narrows_an_interval_is_what_most_of_it_comes_from():
-    scan = {"unseen_base": {"kinds": {"flat": {}, "rough": {}}}}
-    assert "records" in narrowed_by({"records": 0.2, "base": 0.1}, scan)
-    assert "pull" in narrowed_by({"records": 0.1, "base": 0.2}, scan)
-    assert narrowed_by({}, scan) == ""

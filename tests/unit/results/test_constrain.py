@@ -12,7 +12,6 @@ from click.testing import CliRunner
 from hazard_samples import openquake_curves, realisations
 from seeded import THETA_M_S, rows
 
-from toppling.models.errors import InputError
 from toppling.orchestrator.cli import cli
 from toppling.results.analysis.exchange import write_curves
 from toppling.results.analysis.lognormal import Basis, Lognormal
@@ -57,43 +56,6 @@ def test_a_run_tells_how_far_other_records_would_move_its_bound_and_a_file_that_
     assert "the choice of records is unknown" in constrain(curves).output
 
 
-def test_a_bound_of_which_too_many_draws_have_no_fit_has_no_upper_end(tmp_path):
-    write_part(tmp_path, rows(records=24, levels=(2, 3, 4), seed=4))  # five jobs of 144 topple
-    told = json.loads(constrain(str(tmp_path), "--json").stdout)
-    assert told["unexceeded_low"] < told["unexceeded"]
-    assert told["unexceeded_high"] is None
-    unfit = told["rocks"][0]["samples_without_fit"]
-    words = constrain(str(tmp_path)).output
-    assert f"m/s or more with other records like these (95 %; {unfit} of 200 bootstrap samples" in words
-
-
-@pytest.mark.thorough
-def test_the_survival_under_a_branch_has_an_interval_too(tmp_path, hazards):
-    write_part(tmp_path, rows(records=30, azimuths=(0.0,)))
-    asked = [str(tmp_path), "--age", "10000", "--hazard", hazards[0]]
-    branch = json.loads(constrain(*asked, "--json").stdout)["branches"][0]
-    assert branch["survival_low"] < branch["survival"] < branch["survival_high"]
-    assert (
-        f"survival {branch['survival_low']:.3g} to {branch['survival_high']:.3g} with"
-        in constrain(*asked).output
-    )
-
-
-def test_jobs_that_have_not_run_or_have_no_answer_are_told(tmp_path):
-    jobs = rows(records=30, azimuths=(0.0,))
-    for job in jobs[::19]:
-        job |= {"toppled": None, "outcome": None, "status": "undecided"}
-    for job in jobs[1::57]:  # a crashed job has no measures either
-        job |= {"toppled": None, "outcome": None, "status": "crashed", "pgv_m_s": None}
-    write_part(tmp_path, jobs)
-    (tmp_path / "run.json").write_text(json.dumps({"jobs": len(jobs) + 7}))
-    done = constrain(str(tmp_path))
-    assert "40 of 570 jobs of" in done.stdout
-    assert "7 of 577 jobs have not run" in done.stderr
-    (tmp_path / "run.json").write_text("{")
-    assert isinstance(constrain(str(tmp_path)).exception, InputError)
-
-
 def test_of_several_contacts_one_is_chosen_with_all_that_its_own_run_tells(tmp_path, curves):
     rough = rows(records=8, azimuths=(0.0,), friction=0.8)
     for name, jobs in (("one", rough), ("both", rough + rows(records=8, azimuths=(0.0,), friction=0.5))):
@@ -134,24 +96,6 @@ def test_branches_are_kept_or_rejected_and_weighted_anew(tmp_path, curves, hazar
         str(tmp_path)
         not in (folder / "constraint.json").read_text() + (folder / "constraint.html").read_text()
     )
-
-
-def test_the_site_that_a_hazard_file_was_read_at_is_told_with_its_distance(tmp_path, curves):
-    path = tmp_path / "mean.csv"
-    path.write_text(
-        "#,,,,\"generated_by='OpenQuake', kind='mean', investigation_time=50.0, imt='PGV'\"\n"
-        "lon,lat,depth,poe-10,poe-100,poe-900\n-118.1,34.2,0.0,0.5,0.01,0.0001\n"
-    )
-
-    def at(*words):
-        return constrain(curves, "--age", "200", "--hazard", str(path), "--site", *words)
-
-    branch = json.loads(at("241.9", "34.3", "--json").stdout)["branches"][0]
-    assert branch["site_distance_km"] == pytest.approx(11.12, abs=0.01)
-    plain, degrees = at("-118.1", "34.3").output, ("118°06'W", "34°18'N")
-    for words in (("118.1W", "34.3N"), ("34.3N", "118.1W"), ("-118,1", "34,3"), ("-118.1, 34.3",), degrees):
-        assert at(*words).output == plain
-    assert isinstance(at("34.2", "-118.1").exception, InputError)
 
 
 def test_a_rock_that_is_given_twice_is_refused(tmp_path, curves):
@@ -308,17 +252,21 @@ def test_several_rocks_have_one_fragility_with_the_spread_between_them(tmp_path,
     assert told["beta"] == pytest.approx(math.sqrt((0.4**2 + 0.3**2) / 2 + between**2))
 
 
-def test_a_bad_hazard_is_refused_and_nothing_is_written(tmp_path, curves):
-    out, other = tmp_path / "out", tmp_path / "other.csv"
-    other.write_text("pga_m_s2,annual_rate\n0.1,1e-2\n1,1e-4\n")
-    for hazard in (openquake_tree(tmp_path / "tree", (0.4, 0.5)), str(other)):
-        done = constrain(curves, "--age", "1", "--hazard", hazard, "--out", str(out))
-        assert isinstance(done.exception, InputError)
-        assert not out.exists()
-
-
 @pytest.mark.parametrize("column", ["event", "ground_accelerates_toward_deg", "bogus"])
 def test_what_is_no_measure_of_intensity_has_no_fragility(tmp_path, column):
     write_part(tmp_path, rows(records=4, azimuths=(0.0,)))
     refused = constrain(str(tmp_path), "--measure", column).exception
     assert (refused.code, refused.where) == ("measure.unknown", "--measure")
+
+
+def test_jobs_that_have_not_run_or_have_no_answer_are_told(tmp_path):
+    jobs = rows(records=30, azimuths=(0.0,))
+    for job in jobs[::19]:
+        job |= {"toppled": None, "outcome": None, "status": "undecided"}
+    for job in jobs[1::57]:  # a crashed job has no measures either
+        job |= {"toppled": None, "outcome": None, "status": "crashed", "pgv_m_s": None}
+    write_part(tmp_path, jobs)
+    (tmp_path / "run.json").write_text(json.dumps({"jobs": len(jobs) + 7}))
+    done = constrain(str(tmp_path))
+    assert "40 of 570 jobs of" in done.stdout
+    assert "7 of 577 jobs have not run" in done.stderr

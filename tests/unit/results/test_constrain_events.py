@@ -65,43 +65,6 @@ def two_branches(place):
     return event_set(place / "calculation", fields, catalogue, weights, sites, **stated)
 
 
-@pytest.fixture(scope="module")
-def at_two_sites(tmp_path_factory):
-    """What is said of two rocks at two sites, and the folder that it is written to."""
-    folder = tmp_path_factory.mktemp("sites")
-    sites = ["--site", "1.0", "2.0", "--site", "1.2", "2.0"]
-    asked = ["--hazard", two_branches(folder), *sites, "--age", "300"]
-    return told_by(*two_rocks(folder), *asked, "--out", folder / "out"), folder / "out"
-
-
-@pytest.mark.thorough
-def test_rocks_at_two_sites_weigh_the_branches_of_an_event_set(at_two_sites):
-    told, out = at_two_sites
-    assert [rock["site"] for rock in told["rocks"]] == ["aa", "bb"]
-    first, second = told["branches"]
-    assert (first["name"], second["name"]) == ("A~weak", "A~strong")
-    assert first["posterior_weight"] > first["prior_weight"]
-    joint = [row["prior_weight"] * row["survival"] for row in (first, second)]
-    assert first["posterior_weight"] == pytest.approx(joint[0] / sum(joint))
-    assert first["scale_factor_low"] <= first["scale_factor"] <= first["scale_factor_high"]
-    assert {row["left_out"] for row in told["left_out"]} == {"first", "second"}
-    row = told["updated"][0]
-    assert {
-        "level",
-        "rate_prior_mean",
-        "rate_posterior_mean",
-        "rate_posterior_p05",
-        "rate_posterior_p95",
-    } <= set(row)
-    written = {path.name for path in out.iterdir()}
-    tables = {"branches.csv", "updated.csv", "changes.csv"}
-    assert {"constraint.json", "constraint.html", "constraint.png"} | tables <= written
-    filed = json.loads((out / "constraint.json").read_text())
-    assert {path.rpartition("/")[2] for path in (one["path"] for one in filed["choices"]["files"])} >= {
-        "gmf-data_1.csv", "realizations_1.csv", "first.json",
-    }  # fmt: skip
-
-
 def test_factors_of_rates_and_of_the_mean_follow_from_the_branches_rates(rocks, events):
     """Of one age A: k = -ln(.05) / (nu A), and the mean's nu is the weighted mean of the branches'."""
     told = told_by(rocks[0], "--hazard", events, "--site", "aa", "--age", "300")
@@ -124,13 +87,6 @@ def test_rocks_that_survive_under_no_branch_are_told_so_and_their_rates_keep_an_
     said = constrain(*given)
     assert said.exit_code == 0
     assert "survive under no ground-motion model" in said.stdout
-
-
-def test_a_rock_that_no_event_can_topple_keeps_every_branch(events, tmp_path):
-    rock = write_curves(tmp_path / "rock.json", [Lognormal("pga_m_s2", 1e4, 0.3)])
-    done = constrain(rock, "--hazard", events, "--site", "aa", "--age", "100000")
-    assert done.exit_code == 0, done.output
-    assert "none of them is inconsistent" in done.stdout
 
 
 def test_the_scale_factor_is_where_survival_falls_to_five_per_cent(rocks, events):
@@ -207,13 +163,6 @@ def test_a_rock_once_stouter_lies_between_one_that_was_buried_and_one_that_was_n
     # A power law: motions that topple 1.5 times stronger are 1.5^2.5 times rarer.
     rate = told_by(*asked)["branches"][0]["toppling_rate"]
     assert less_fragile == pytest.approx(math.exp(-rate * (4000 + 8000 / 1.5**2.5)), rel=0.01)
-
-
-def test_a_common_error_of_the_dates_widens_what_they_leave(rocks, curve):
-    asked = [*rocks, "--hazard", curve, "--age", "8000"]
-    exact, shared = told_by(*asked), told_by(*asked, "--common-error", "0.2")
-    assert exact["branches"][0]["survival"] < shared["branches"][0]["survival"]
-    assert shared["ages_independent"] is False
 
 
 @pytest.mark.thorough
@@ -297,8 +246,3 @@ def test_a_spectral_acceleration_of_any_period_has_its_hazard(tmp_path):
         for measure in ([], ["--measure", "sa_3s_m_s2"]):
             told = told_by(rock, "--hazard", hazard, "--age", "300", *measure)
             assert told["measure"] == "sa_3s_m_s2"
-
-
-def test_one_common_date_lets_rocks_survive_more_often(rocks, curve):
-    asked = [*rocks, "--hazard", curve, "--age", "2000..12000"]
-    assert survival_of(*asked, "--common-date") > survival_of(*asked)

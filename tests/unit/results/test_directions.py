@@ -3,16 +3,12 @@
 import numpy as np
 import pandas as pd
 import pytest
-from click.testing import CliRunner
-from seeded import row, rows
+from seeded import row
 
-from toppling.models.scene import Scene
-from toppling.orchestrator.cli import cli
 from toppling.results.analysis.directions import least_sector, sector_share, topple_rose
 from toppling.results.analysis.fragility import CONTACT_COLUMNS, PLANES
 from toppling.results.analysis.friction_comparison import compare_cells, compare_frictions, compare_jobs
 from toppling.results.drawing.friction_figures import friction_figure
-from toppling.results.store import write_part
 
 
 def frame_of(jobs):
@@ -53,20 +49,6 @@ def test_the_sector_of_a_rock_is_where_the_least_acceleration_topples_it_to():
     assert least_sector(least) == pytest.approx((352.5, 27.5))
     assert least_sector(least.assign(value=None)) is None
     assert least_sector(None) is None
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("has_scene", [True, False])
-def test_no_rock_is_given_the_sector_of_the_studys_rock(drawn_alone, tmp_path, has_scene):
-    drawn_alone("directions")
-    write_part(tmp_path, rows(records=3, azimuths=(0.0,)))
-    if has_scene:
-        Scene.block(0.1, 0.2, 0.6).save(tmp_path / "scene")  # thin along x: it topples toward west first
-    CliRunner().invoke(cli, ["fragility", str(tmp_path)], catch_exceptions=False)
-    drawn = (tmp_path / "fragility" / "directions.svg").read_text()
-    assert "122.5" not in drawn
-    assert ("162.5° to 197.5°" in drawn) == has_scene
-    assert (tmp_path / "fragility" / "sector.csv").exists() == has_scene
 
 
 def test_the_rose_counts_each_toppled_job_in_the_petal_nearest_to_it(four):
@@ -127,18 +109,3 @@ def test_what_is_no_friction_is_never_pooled_when_frictions_are_compared(column)
     assert len(compared) == 2
     assert [told["reference_probability"].tolist() for told, _ in compared.values()] == [[1 / 3], [1.0]]
     assert [told["pairs"].tolist() for _, told in compared.values()] == [[3], [3]]
-
-
-@pytest.mark.slow
-def test_a_run_of_two_frictions_gets_its_folders_and_the_comparison(tmp_path):
-    for mu in (0.6, 1.0):
-        write_part(tmp_path, rows(records=4, levels=(4, 8), azimuths=(0.0,), friction=mu))
-    Scene.block(0.2, 0.2, 0.6).save(tmp_path / "scene")
-    done = CliRunner().invoke(cli, ["fragility", str(tmp_path)])
-    assert done.exit_code == 0, done.output
-    folder = tmp_path / "fragility"
-    assert {path.name for path in folder.iterdir() if path.is_dir()} == {"friction-0.6", "friction-1"}
-    assert {path.name for path in folder.glob("friction*.*") if path.is_file()} == {
-        "friction.png", "friction.svg", "friction_cells.csv", "friction_jobs.csv",
-    }  # fmt: skip
-    assert "quasi-static" in (folder / "friction-1" / "directions.svg").read_text()

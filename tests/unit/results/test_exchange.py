@@ -1,7 +1,6 @@
 """Curves come back from every format as they went out."""
 
 import json
-import math
 
 import numpy as np
 import pandas as pd
@@ -13,7 +12,7 @@ from scipy.stats import lognorm
 from seeded import rows
 
 from toppling.models.errors import InputError
-from toppling.models.motions.measures import COMPARED, MEASURES, OPENQUAKE
+from toppling.models.motions.measures import MEASURES, OPENQUAKE
 from toppling.results.analysis.exchange import (
     moments,
     of_moments,
@@ -21,7 +20,6 @@ from toppling.results.analysis.exchange import (
     read_surface,
     write_curves,
 )
-from toppling.results.analysis.fragility import CONTACT_COLUMNS
 from toppling.results.analysis.lognormal import Basis, Lognormal, Resampled, Surface, with_samples
 from toppling.results.drawing.run_figures import write_fits
 from toppling.results.schema import SCHEMA
@@ -101,19 +99,6 @@ def test_moments_are_those_of_the_lognormal_variable(curve):
     assert of_moments(curve.measure, mean, deviation).median == pytest.approx(curve.median)
 
 
-def test_openquake_computes_the_same_probabilities_from_the_file(tmp_path):
-    """With the engine's formula for a continuous function (risklib/scientific.py), in its units."""
-    curve = Lognormal("pgv_m_s", 1.2, 0.4)
-    text = write_curves(tmp_path / "fragility.xml", [curve]).read_text()
-    mean, deviation = (float(text.split(f'{key}="')[1].split('"')[0]) for key in ("mean", "stddev"))
-    variance = deviation**2
-    sigma = math.sqrt(math.log(variance / mean**2 + 1))
-    scale = mean**2 / math.sqrt(variance + mean**2)
-    pgv_cm_s = np.array([40.0, 120.0, 200.0])
-    np.testing.assert_allclose(lognorm.cdf(pgv_cm_s, sigma, scale=scale), curve.probability(pgv_cm_s / 100))
-    assert 'imt="PGV"' in text
-
-
 def test_nrml_leaves_out_what_openquake_has_no_name_for_and_refuses_nothing_but(tmp_path):
     pulse = Lognormal("pgv_pga_s", 0.2, 0.3)
     write_curves(tmp_path / "two.xml", [pulse, Lognormal("pga_m_s2", 3.0, 0.3)])
@@ -173,29 +158,6 @@ def test_a_surface_without_three_numbers_is_refused(tmp_path, numbers):
         read_surface(path, BOTH)
 
 
-@pytest.mark.usefixtures("empty_figures")
-def test_a_fit_leaves_no_curve_of_a_former_one_beside_it(tmp_path):
-    jobs = pd.DataFrame(rows(records=12, azimuths=(0.0,)), columns=SCHEMA.names)
-    list(write_fits(jobs, tmp_path, "rock", samples=2))
-    assert read_curves(tmp_path / "fits" / "curves.json")
-    list(write_fits(jobs.assign(toppled=False), tmp_path, "rock", samples=2))
-    assert {path.name for path in (tmp_path / "fits").iterdir()} == {"fits.csv", "measures.csv"}
-
-
-@pytest.mark.usefixtures("empty_figures")
-def test_fits_over_measures_that_openquake_has_no_name_for_go_to_csv_and_json(tmp_path):
-    pulse = ["pgv_pga_s", "toppled", "record_id", *CONTACT_COLUMNS]
-    frame = pd.DataFrame(rows(records=30, azimuths=(0.0,))).reindex(columns=[*COMPARED, *pulse])
-    frame = frame.loc[:, ~frame.columns.duplicated()]
-    others = [measure for measure in COMPARED if measure in OPENQUAKE]
-    # The measure that made the answers, under a name that OpenQuake lacks.
-    unnamed = frame.assign(pgv_pga_s=frame["pgv_m_s"], **dict.fromkeys(others))
-    written = {path.name for path in write_fits(unnamed, tmp_path, "rock", samples=2)}
-    assert {"curves.csv", "curves.json"} <= written
-    assert "curves.xml" not in written
-    assert "pgv_pga_s" in read_curves(tmp_path / "fits" / "curves.json")
-
-
 @pytest.mark.parametrize("suffix", [".xml", ".csv", ".json"])
 def test_bootstrap_samples_go_with_a_curve_to_every_file(tmp_path, suffix):
     fitted = np.array([True, False, True])
@@ -224,3 +186,12 @@ def test_a_curve_is_the_same_however_a_person_or_a_spreadsheet_writes_it(text, t
     assert (curve.measure, curve.median, curve.beta) == ("pga_m_s2", pytest.approx(4.5), 0.5)
     (tmp_path / "a.xml").write_text(NRML.format(FUNCTION.format("<!-- the toppling -->" + PARAMS)))
     assert curve.basis is read_curves(tmp_path / "a.xml")["pgv_m_s"].basis is None
+
+
+@pytest.mark.usefixtures("empty_figures")
+def test_a_fit_leaves_no_curve_of_a_former_one_beside_it(tmp_path):
+    jobs = pd.DataFrame(rows(records=12, azimuths=(0.0,)), columns=SCHEMA.names)
+    list(write_fits(jobs, tmp_path, "rock", samples=2))
+    assert read_curves(tmp_path / "fits" / "curves.json")
+    list(write_fits(jobs.assign(toppled=False), tmp_path, "rock", samples=2))
+    assert {path.name for path in (tmp_path / "fits").iterdir()} == {"fits.csv", "measures.csv"}

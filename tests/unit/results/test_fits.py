@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.stats import norm
 from seeded import BETA, THETA_M_S, rows
 
 from toppling.results.analysis.fits import answered
@@ -35,18 +34,6 @@ def test_the_lognormal_that_made_the_answers_is_recovered(jobs):
     assert curve.beta == pytest.approx(BETA, rel=0.09)
 
 
-def test_the_fit_is_a_maximum_of_the_likelihood(jobs):
-    curve = fit(jobs, ["pgv_m_s"]).lognormal
-
-    def log_likelihood(median, beta):
-        probability = norm.cdf(np.log(jobs["pgv_m_s"] / median) / beta)
-        return np.log(np.where(jobs["toppled"], probability, 1 - probability)).sum()
-
-    best = log_likelihood(curve.median, curve.beta)
-    for median, beta in ((1.01, 1), (0.99, 1), (1, 1.01), (1, 0.99)):
-        assert log_likelihood(curve.median * median, curve.beta * beta) < best
-
-
 def test_the_two_surfaces_are_one_model_in_other_coordinates(jobs):
     one, other = fit(jobs, ["pga_m_s2", "pgv_m_s"]), fit(jobs, ["pga_m_s2", "pgv_pga_s"])
     # ln PGV = ln PGA + ln(PGV/PGA), so the slope on PGV moves over to PGA.
@@ -63,18 +50,6 @@ def test_copies_of_the_jobs_change_neither_fit_nor_interval(jobs):
         lognormal_interval(bootstrap(frame, fit(frame, ["pgv_m_s"]), 30)) for frame in (some, copied)
     ]
     assert intervals[0] == pytest.approx(intervals[1], rel=1e-6)
-
-
-@pytest.mark.slow
-def test_the_interval_by_record_covers_the_median_about_as_often_as_it_says():
-    # 20 data sets at 90 %: 18 expected, and fewer than 13 has a probability below 1 %.
-    inside = 0
-    for seed in range(20):
-        frame = answered(pd.DataFrame(rows(records=25, levels=(2, 5, 8, 11, 14), azimuths=(0.0,), seed=seed)))
-        found = bootstrap(frame, fit(frame, ["pgv_m_s"]), samples=60, seed=seed)
-        told = lognormal_interval(found, level=0.9)
-        inside += told["median_low"] <= THETA_M_S <= told["median_high"]
-    assert inside >= 13
 
 
 def tiny(values, toppled):
@@ -141,23 +116,6 @@ def test_each_job_is_predicted_by_a_fit_to_other_records(jobs, monkeypatch):
         np.testing.assert_array_equal(predicted[inside], others.probability(jobs[inside]))
 
 
-def test_a_measure_that_divides_the_answers_by_a_threshold_predicts_best(jobs):
-    sharp = jobs.assign(toppled=jobs["pgv_m_s"] > THETA_M_S)
-    ranked = compare_measures(sharp)
-    assert ranked["measures"][0] == "pgv_m_s"
-    assert fit(sharp, ["pgv_m_s"]).problem.startswith("separated")
-    # Of 3,420 jobs a handful lie between the thresholds of the folds.
-    assert ranked["log_loss"][0] < 0.02
-
-
-def test_records_without_weight_do_not_count_in_a_fit(jobs):
-    half = jobs["record_id"] < "R030"
-    told = fit(answered(jobs.assign(record_weight=np.where(half, 2.0, 0.0))), ["pgv_m_s"])
-    alone = fit(jobs[half], ["pgv_m_s"])
-    assert told.coefficients == pytest.approx(alone.coefficients, rel=1e-9)
-    assert (told.jobs, told.records) == (alone.jobs, alone.records)
-
-
 def test_samples_whose_answers_are_separated_have_no_fit():
     """Twelve records at four levels, of which one topples early: without it a threshold divides the answers."""
     first = [4.0] + [6.0] * 6 + [8.0] * 5
@@ -172,22 +130,6 @@ def test_samples_whose_answers_are_separated_have_no_fit():
     assert 40 <= resampled.without_fit <= 100
     # A sample with a maximum has both answers at two levels: beta cannot be next to nothing.
     assert lognormal_interval(resampled)["beta_low"] > 0.1
-
-
-def test_too_few_records_have_no_interval(jobs):
-    few = jobs[jobs["record_id"] < "R004"]
-    told = lognormal_interval(bootstrap(few, fit(few, ["pgv_m_s"]), samples=20))
-    assert all(math.isnan(value) for value in told.values())
-
-
-def test_a_probability_that_hardly_rises_has_no_fit():
-    """With one job of a hundred more at twice the intensity one in two would topple at 14 million times it."""
-    told = [
-        {"record_id": f"R{number:03d}", "pgv_m_s": level, "toppled": number < toppled}
-        for level, toppled in ((1.0, 10), (2.0, 11))
-        for number in range(100)
-    ]
-    assert fit(pd.DataFrame(told), ["pgv_m_s"]).problem == "probability does not rise with the measure"
 
 
 def test_a_sample_without_a_fit_is_a_curve_that_never_topples_in_its_place():
@@ -211,13 +153,6 @@ def test_rocks_of_the_same_records_are_drawn_together_and_of_other_records_by_th
     assert abs(np.corrcoef(medians(others), medians(jobs))[0, 1]) < 0.48
 
 
-def test_a_ranking_over_fewer_than_five_records_has_no_intervals(jobs):
-    few = jobs[jobs["record_id"] < "R004"]
-    ranked = compare_measures(few, [["pga_m_s2"], ["pgv_m_s"]], samples=20)
-    assert "worse_by" in ranked
-    assert "worse_by_low" not in ranked
-
-
 def test_scores_agree_with_their_definitions():
     told = scores([True, False, True], [0.9, 0.2, 0.4])
     assert told["brier"] == pytest.approx((0.01 + 0.04 + 0.36) / 3)
@@ -232,21 +167,6 @@ def test_a_true_model_is_calibrated(jobs):
     assert told["jobs"].sum() == len(jobs)
 
 
-@pytest.fixture(scope="module")
-def one_heavy_half(jobs):
-    """The law's records, each beside one that topples always and weighs a thousandth."""
-    light = jobs.assign(record_id=jobs["record_id"] + "x", toppled=True, record_weight=1e-3)
-    return pd.concat([jobs.assign(record_weight=1.0), light], ignore_index=True)
-
-
-def test_a_weighted_fit_is_held_against_shares_of_the_same_weights(one_heavy_half):
-    curve = fit(one_heavy_half, ["pgv_m_s"]).lognormal
-    told = observed_fractions(one_heavy_half, "pgv_m_s")
-    inside = curve.probability(told["value"]).clip(told["wilson_low"], told["wilson_high"])
-    # Intervals of 60 records hold the shares of 285 jobs; a bin is wide where the curve bends, hence 0.02.
-    np.testing.assert_allclose(inside, curve.probability(told["value"]), atol=0.02)
-
-
 def test_shares_are_weighted_means_with_the_effective_number_of_records_behind_them():
     frame = tiny([1.0, 1.0, 4.0], [True, True, False]).assign(record_weight=[1.0, 1.0, 2.0])
     told = observed_fractions(frame, "pgv_m_s", bins=1).iloc[0]
@@ -256,12 +176,6 @@ def test_shares_are_weighted_means_with_the_effective_number_of_records_behind_t
     low, high = wilson(pd.Series([0.5]), pd.Series([16 / 6]))
     assert (told["wilson_low"], told["wilson_high"]) == (low[0], high[0])
     assert (told["jobs"], told["records"]) == (3, 3)
-
-
-def test_no_prediction_gives_an_empty_calibration(jobs):
-    told = calibration(jobs, pd.Series(np.nan, index=jobs.index))
-    assert len(told) == 0
-    assert {"predicted", "observed", "wilson_low", "wilson_high"} <= set(told.columns)
 
 
 def test_a_lognormal_curve_and_its_inverse_agree():

@@ -23,18 +23,9 @@ from toppling.results.analysis.fragility import (
     wilson,
 )
 from toppling.results.analysis.regression import fit
-from toppling.results.drawing.maps import direction_figure, map_figure
 from toppling.results.drawing.run_figures import write_maps
-from toppling.results.drawing.style import save
 from toppling.results.reader import open_run
 from toppling.results.store import write_part
-
-
-@pytest.mark.parametrize("bins", [8, 13, 39, 72])
-def test_centres_of_direction_bins_are_the_same_numbers_everywhere(bins):
-    # The verb asks the plane reference for these azimuths, and the figure looks them up by equality.
-    centres = {number * 360.0 / bins for number in range(bins)}
-    assert set(direction_bin_deg(np.linspace(0.0, 360.0, 20001), bins)) == centres
 
 
 @pytest.fixture
@@ -116,44 +107,8 @@ def test_contacts_are_never_pooled():
     assert list(by_contact(frame[frame["friction_static"] == 1.0])) == [""]
 
 
-@pytest.mark.parametrize(
-    "pairs", [[(0.6, 0.6), (0.8, 0.6)], [(0.8, 0.6), (0.8, 0.8)], [(0.6, 0.6), (0.8, 0.6), (0.8, 0.8)]]
-)
-def test_a_contact_is_named_by_its_kinetic_friction_where_that_is_another(pairs):
-    frames = [
-        as_frame_of(rows(records=2, levels=(1,), friction=static)).assign(friction_kinetic=kinetic)
-        for static, kinetic in pairs
-    ]
-    parts = by_contact(pd.concat(frames))
-    names = {(0.6, 0.6): "friction-0.6", (0.8, 0.6): "friction-0.8_kinetic-0.6", (0.8, 0.8): "friction-0.8"}
-    assert list(parts) == [names[pair] for pair in pairs]
-    assert [jobs["friction_kinetic"].iloc[0] for jobs in parts.values()] == [kinetic for _, kinetic in pairs]
-
-
 def as_frame_of(jobs):
     return pd.DataFrame(jobs).astype({"toppled": "boolean"})
-
-
-@pytest.mark.thorough
-def test_the_command_draws_every_map_with_the_table_behind_it(tmp_path):
-    (tmp_path / "run").mkdir()
-    jobs = rows(records=6, levels=(2, 6, 10), azimuths=(0.0, 135.0))
-    write_part(tmp_path / "run", jobs)
-    asked = ["--out", str(tmp_path / "maps")]
-    done = CliRunner().invoke(cli, ["fragility", str(tmp_path / "run"), *asked])
-    assert done.exit_code == 0, done.output
-    names = {path.name for path in (tmp_path / "maps").iterdir()}
-    stems = {*PLANES, "pga_pgv_pga_by_direction", "pga_pgv_by_direction"}
-    stems.add("directions")
-    drawn = {f"{stem}.{suffix}" for stem in stems for suffix in ("png", "svg", "csv")}
-    assert names == drawn | {"unplaced.csv"}  # no scene tells a sector
-    table = pd.read_csv(tmp_path / "maps" / "pga_pgv_pga.csv")
-    assert table["jobs"].sum() == 36
-    beyond = pd.read_csv(tmp_path / "maps" / "unplaced.csv").set_index("map")["beyond"]
-    assert beyond["pgv_duration"] == 0
-    drawing = (tmp_path / "maps" / "pga_pgv_pga.svg").read_text()
-    assert "PGA (m/s²)" in drawing
-    assert "PGV/PGA (s)" in drawing
 
 
 def test_every_job_is_in_a_cell_or_counted_as_unplaced(hand_made):
@@ -168,20 +123,6 @@ def test_every_job_is_in_a_cell_or_counted_as_unplaced(hand_made):
 
 def frame_with(frame, *lost):
     return pd.concat([frame, as_frame_of([{"toppled": None} | job for job in lost])], ignore_index=True)
-
-
-def test_jobs_in_no_cell_are_told_in_the_title_and_in_a_table_beside_the_maps(tmp_path):
-    lost = [row(str(number), status="crashed") for number in range(3)]
-    frame = frame_with(as_frame_of(rows(records=4, levels=(2, 6), azimuths=(0.0,))), *lost)
-    list(write_maps(frame, tmp_path, [PLANES["pga_pgv_pga"]]))
-    told = pd.read_csv(tmp_path / "unplaced.csv")
-    assert told.to_dict("records") == [
-        {"map": "pga_pgv_pga", "jobs": 11, "unplaced": 3, "beyond": 0},
-        {"map": "pga_pgv_pga_by_direction", "jobs": 11, "unplaced": 3, "beyond": 0},
-    ]
-    for name in told["map"]:
-        assert "In no cell: 3 jobs whose measures are not known." in (tmp_path / f"{name}.svg").read_text()
-    assert "8 jobs, 4 records" in (tmp_path / "pga_pgv_pga.svg").read_text()
 
 
 def test_jobs_beyond_the_end_of_an_axis_are_told_in_the_title_and_in_the_table(tmp_path):
@@ -219,44 +160,6 @@ def test_bins_are_as_wide_as_the_records_need_and_as_the_studys_where_none_or_al
     sure = table.loc[~table["thin"], "jobs"].sum() / table["jobs"].sum()
     assert (sure >= 0.5) == (records >= 10)
     assert (plane.y.width > own.y.width) == (records == 12)
-
-
-def test_records_as_strong_as_they_are_share_bins_of_the_level():
-    frame = as_frame_of(rows(records=2, levels=tuple(0.1 * n for n in range(1, 101)), azimuths=(0.0,)))
-    table = cells(frame, planes_of(frame)["pga_pgv_pga"])
-    assert sorted(table["level_pga_m_s2_low"].unique()) == [*range(11)]
-    assert table["jobs"].sum() == 200
-
-
-def test_a_cell_of_few_records_is_pale_and_no_cell_carries_a_mark(hand_made):
-    table = cells(hand_made, PLANES["pga_pgv_pga"])
-    (drawn,) = map_figure(hand_made, PLANES["pga_pgv_pga"]).axes[0].collections
-    assert (np.asarray(drawn.get_alpha()) < 1.0).tolist() == table["thin"].tolist()
-
-
-@pytest.mark.parametrize(
-    "plane", [plane for plane in PLANES.values() if plane.by_direction], ids=lambda p: p.name
-)
-def test_no_map_on_shared_axes_hides_a_cell_of_another(plane):
-    # One direction is shaken by short weak pulses only, the other by long strong ones too.
-    near = pd.DataFrame(rows(records=4, levels=(1, 2), azimuths=(0.0,))).assign(
-        ground_accelerates_toward_deg=315.0
-    )
-    far = pd.DataFrame(rows(records=20, levels=range(1, 20), azimuths=(0.0,))).assign(
-        ground_accelerates_toward_deg=90.0
-    )
-    figure = direction_figure(DirectionCells.of(pd.concat([near, far], ignore_index=True), plane))
-    panels = [axes for axes in figure.axes if axes.collections and axes.get_title()]
-    assert len(panels) == 2
-    empty = [axes for axes in figure.axes if [text.get_text() for text in axes.texts] == ["no records"]]
-    assert len(empty) == 6
-    winds = [axes.get_title().partition(" ")[0] for axes in figure.axes if axes.get_title()]
-    assert winds == ["N", "NE", "E", "SE", "S", "SW", "W", "NW"]
-    for axes in panels:
-        (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
-        corners = np.vstack([path.vertices for path in axes.collections[0].get_paths()])
-        assert left - 1e-9 <= corners[:, 0].min() <= corners[:, 0].max() <= right + 1e-9
-        assert bottom - 1e-9 <= corners[:, 1].min() <= corners[:, 1].max() <= top + 1e-9
 
 
 def weighted(frame, weights):
@@ -306,9 +209,3 @@ def test_a_run_takes_the_weights_of_its_ensemble(tmp_path):
         frame = run.weighted(run.frame())
         found = set(frame["record_weight"].round(12)) if "record_weight" in frame else None
         assert found == told
-
-
-def test_the_same_table_gives_the_same_figure_files(hand_made, tmp_path):
-    plane = PLANES["pga_pgv_pga"]
-    one, two = (save(map_figure(hand_made, plane), tmp_path / name) for name in ("one", "two"))
-    assert [path.read_bytes() for path in one] == [path.read_bytes() for path in two]

@@ -1,17 +1,14 @@
 """Constraints agree with closed forms."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from toppling.results.analysis.constraint import Constraint
-from toppling.results.analysis.lognormal import Lognormal, Resampled, lognormal_of, with_samples
-from toppling.results.drawing.hazard_figures import constraint_figure, hazard_figure
-from toppling.results.hazard.ages import age_given, exposure, joint_ages, parse_age
+from toppling.results.analysis.lognormal import Lognormal
+from toppling.results.hazard.ages import exposure, joint_ages, parse_age
 from toppling.results.hazard.curves import NODES_PER_E_FOLD, HazardCurve, continued
 from toppling.results.hazard.events import Standing
 from toppling.results.hazard.survival import inconsistent_rate, toppling_rate, unexceeded, unstated_fractions
@@ -127,27 +124,6 @@ def test_without_an_age_a_single_event_is_bounded_at_its_confidence():
     assert unexceeded([ROCK, ROCK], 0.95) == pytest.approx(ROCK.intensity(1 - math.sqrt(0.05)))
 
 
-def _rock_of_samples(samples):
-    """ROCK, with one curve of median 1.0 to 1.5 m/s a sample."""
-    medians = np.linspace(1.0, 1.5, samples)
-    coefficients = np.column_stack([-np.log(medians) / 0.4, np.full(samples, 2.5)])
-    drawn = Resampled(coefficients, np.full(samples, True), 30, reflected=True)
-    return Standing("rock", with_samples(lognormal_of("pgv_m_s", -math.log(1.2) / 0.4, 2.5), drawn))
-
-
-def test_rocks_with_unlike_numbers_of_samples_are_drawn_together_as_far_as_both_go():
-    few, many = _rock_of_samples(40), _rock_of_samples(100)
-    told = Constraint([many, few], 0.95).summary()
-    first = replace(many, fragility=with_samples(ROCK, replace(
-        many.fragility.resampled, coefficients=many.fragility.resampled.coefficients[:40], fitted=np.full(40, True)
-    )))  # fmt: skip
-    alike = Constraint([first, few], 0.95).summary()
-    assert [rock["samples"] for rock in told["rocks"]] == [100, 40]
-    assert told["unexceeded_low"] < told["unexceeded"] < told["unexceeded_high"]
-    for end in ("unexceeded_low", "unexceeded_high"):
-        assert told[end] == pytest.approx(alike[end], rel=1e-9)
-
-
 def test_a_hazard_curve_that_ends_too_early_says_what_it_may_miss():
     assert unstated_fractions([ROCK], power_law())[1] < 1e-6
     assert unstated_fractions([ROCK], power_law(high=1.0))[1] > 0.4
@@ -178,38 +154,6 @@ def test_what_a_curve_leaves_out_at_its_end_counts_as_toppling_where_it_is_conti
     missing = (1 - ROCK.probability(1.0)) * early.annual_rate[-1]
     told = toppling_rate([ROCK], continued(early, [ROCK]))
     assert told == pytest.approx(toppling_rate([ROCK], early) + missing, rel=1e-9)
-
-
-def dated(*curves, age="10000"):
-    """What a rock of some age says of some hazard curves."""
-    rocks = [Standing("rock", ROCK, age=age_given(age))]
-    tree = HazardTree("pgv_m_s", tuple(branches_of(*curves)))
-    return Constraint(rocks, 0.95, Update.of_curves(rocks, tree, stood(age)), stood(age))
-
-
-@pytest.mark.parametrize("rate_at_one", [1e-12, 1e-6, 1e-3, 1e2])
-def test_every_branch_that_the_legend_names_is_seen_within_the_frame(rate_at_one):
-    constraint = dated(power_law(rate_at_one), power_law(1e-3))
-    axes = constraint_figure(constraint).axes[0]
-    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
-    x = np.geomspace(left, right, 100)
-    for rate in (rate_at_one, 1e-3):
-        inside = (rate * x**-2.5 > bottom) & (rate * x**-2.5 < top)
-        assert inside.mean() > 0.2
-    assert bottom >= 1e-4 * min(constraint.bound["inconsistent_annual_rate"].min(), rate_at_one)
-
-
-@pytest.mark.parametrize(
-    ("stated", "words"),
-    [((), None), ((0.16, 0.84), "16 and 84 %"), ((0.1, 0.5), "10 and 50 %"), ((0.9,), "90 %")],
-)
-def test_a_lone_curve_is_drawn_with_the_outermost_fractiles_that_its_files_state(stated, words):
-    fractiles = {q: power_law(rate_at_one=1e-3 * 4 ** (q - 0.5)) for q in stated}
-    tree = HazardTree("pgv_m_s", tuple(branches_of(power_law())), fractiles=fractiles)
-    figure = hazard_figure(Update.of_curves([Standing("rock", ROCK)], tree, stood("10000")))
-    handles, labels = figure.axes[0].get_legend_handles_labels()
-    assert all(len(handle.get_xdata()) for handle in handles)
-    assert labels == [f"{words} as the files state them"] * bool(words) + ["hazard"]
 
 
 def test_rocks_of_which_one_never_topples_are_bounded_by_the_other():

@@ -59,18 +59,6 @@ def test_an_event_has_the_rate_of_its_branchs_own_time(tmp_path):
     assert read_events(write_calculation(tmp_path, investigation_time=30.0)).years == 30.0
 
 
-def test_mean_fields_beside_the_fields_are_no_second_set(tmp_path):
-    """`avg_gmf`, which engine 3.25 exports beside `gmf-data`, has sites and no events."""
-    write_calculation(tmp_path)
-    alone = read_events(tmp_path)
-    mean = tmp_path / "avg_gmf_1.csv"
-    mean.write_text("custom_site_id,lon,lat,gmv_PGA,gsd_PGA\naa,1.0,2.0,.05,2.1\n")
-    together = read_events(tmp_path)
-    for one, other in zip(alone.branches, together.branches, strict=True):
-        assert one.motions["pga_m_s2"].tolist() == other.motions["pga_m_s2"].tolist()
-    assert not is_event_set(mean)
-
-
 def test_a_missing_row_of_a_field_is_no_motion(tmp_path):
     first, second = read_events(write_calculation(tmp_path)).branches
     assert first.motions["pga_m_s2"] == pytest.approx(np.array([[0.5, 0.1], [0.8, 0.0]]) * G)
@@ -147,16 +135,6 @@ def test_fields_of_earlier_versions_state_their_branch_themselves(tmp_path, even
     assert events.branches[0].rate.tolist() == [0.005]
 
 
-def test_a_site_name_that_the_engine_cut_finds_its_place(tmp_path):
-    write_calculation(tmp_path)
-    for name in ("gmf-data_1.csv", "sitemesh_1.csv"):
-        text = (tmp_path / name).read_text()
-        (tmp_path / name).write_text(text.replace("aa", "balanced" + ("-rock" if "mesh" in name else "")))
-    events = read_events(tmp_path)
-    assert events.sites[0] == EventSite("balanced-rock", (1.0, 2.0))
-    assert events.branches[0].motions["pga_m_s2"][0, 0] == pytest.approx(0.5 * G)
-
-
 def test_files_of_another_calculation_are_told_apart_by_their_checksum(tmp_path):
     write_calculation(tmp_path)
     for path in list(tmp_path.glob("*.csv")):
@@ -219,16 +197,6 @@ def test_openquakes_event_set_gives_its_branches_rates_of_toppling_and_of_exceed
     exceeded = [branch.rate @ (branch.motions["pgv_m_s"][:, 0] > 0.2) for branch in events.branches]
     assert exceeded == pytest.approx([0.01, 0.0])  # 30 cm/s once
     assert events.prior == pytest.approx([0.75, 0.25])
-
-
-def test_fields_of_the_oldest_layout_are_one_branch_of_a_scenario(tmp_path):
-    (tmp_path / "gmf-data.csv").write_text("eid,sid,gmv_PGA\n0,0,0.0129\n0,1,0.2\n1,0,0.3\n1,1,0.4\n")
-    (tmp_path / "sitemesh.csv").write_text("site_id,lon,lat\n0,-118.6,31.9\n1,-118.5,32.0\n")
-    events = read_events(tmp_path, event_rate=1e-3)
-    (branch,) = events.branches
-    assert branch.motions["pga_m_s2"] / G == pytest.approx(np.array([[0.0129, 0.2], [0.3, 0.4]]))
-    assert branch.rate.tolist() == [5e-4, 5e-4]
-    assert events.sites[0].place == (-118.6, 31.9)
 
 
 def test_a_cybershake_rupture_shares_its_probability_over_its_variations(tmp_path):

@@ -13,7 +13,6 @@ from scipy.stats import norm
 
 from toppling.models.motions.deaggregation import Bin
 from toppling.results.analysis.lognormal import Lognormal
-from toppling.results.drawing.magnitude_figures import faults_figure, magnitudes_figure
 from toppling.results.hazard.faults import azimuthal_km, read_faults
 from toppling.results.hazard.gmm import MODELS, GroundMotionModel
 from toppling.results.hazard.magnitudes import (
@@ -102,11 +101,6 @@ def test_a_source_that_recurs_is_survived_as_its_poisson_count_says():
     years, probability = np.linspace(10_000, 20_000, 401), np.array([0.0, 0.03, 0.4, 1.0])
     exact = np.exp(-probability[:, None] * years / 2000.0).mean(axis=1)
     assert recurring(0.95, years, 2000.0).survival(probability) == pytest.approx(exact, rel=1e-4)
-
-
-def test_a_source_too_rare_for_the_rocks_age_excludes_nothing():
-    rare = recurring(0.95, np.array([1000.0]), 2000.0)
-    assert (largest_magnitudes(GRID, ROCK, [], rare)["magnitude"] == math.inf).all()
 
 
 @pytest.mark.parametrize("events", [1, 10])
@@ -231,13 +225,6 @@ def test_a_trace_is_as_far_as_its_nearest_point_not_its_nearest_corner(tmp_path)
     assert trace.distance_km == pytest.approx(math.radians(0.1) * 6371, rel=1e-3)
 
 
-def test_a_fault_of_several_lines_and_one_without_a_name_are_read(tmp_path):
-    lines = [[[-118.0, 34.0], [-118.0, 34.2]], [[-118.0, 34.5], [-118.1, 34.6]]]
-    path = written(tmp_path, a_fault(lines, "MultiLineString"), a_fault([0, 0], "Point", name="epicentre"))
-    (trace,) = read_faults(path, SITE)
-    assert (trace.name, len(trace.lines)) == ("fault 1", 2)
-
-
 @settings(max_examples=40)
 @given(st.floats(-180, 180), st.floats(-80, 80), st.floats(-3, 3), st.floats(-3, 3))
 def test_the_map_keeps_distances_from_the_rock(longitude, latitude, east, north):
@@ -264,19 +251,6 @@ def test_a_file_that_holds_no_traces_is_refused(tmp_path, text, what):
     path.write_text(text)
     with refused(what):
         read_faults(path, SITE)
-
-
-def test_figures_show_every_occurrence_and_every_fault(tmp_path):
-    tables = {
-        one.name: largest_magnitudes(GRID, ROCK, [], one) for one in (one_event(0.95), one_event(0.95, 5))
-    }
-    figure = magnitudes_figure(tables, 0.95, (4.5, 8.5))
-    assert {line.get_label() for line in figure.axes[0].lines} == {"one event", "5 events"}
-    path = written(tmp_path, a_fault([[-119.1, 34.8], [-117.1, 34.8]], name="north"))
-    traces = read_faults(path, SITE)
-    drawn = [replace(one, magnitude=7.2) for one in traces]
-    figure = faults_figure(drawn, {7.0: 12.0}, "title", (4.5, 8.5))
-    assert any("north (7.2)" in text.get_text() for text in figure.axes[0].texts)
 
 
 def test_bins_of_a_deaggregation_are_excluded_where_their_earthquake_topples_the_rock():

@@ -2,7 +2,6 @@
 
 import json
 import math
-import re
 
 import numpy as np
 import pytest
@@ -69,21 +68,13 @@ SAME = {
     "decimal commas": "pga_g;Annual frequency of exceedance (1/yr)\n0,1;1,0E-2\n0,2;1,0E-3\n",
     "UTF-16": "PGA [g]\tAFE\r\n0.1\t0.01\r\n0.2\t0.001\r\n".encode("utf-16"),
     "cp1252": "PGA (cm/s²),mean annual rate of exceedance\n98.0665,0.01\n196.133,0.001\n".encode("cp1252"),
-    "seconds as sec": "PGA (cm/sec^2),annual_rate\n98.0665,0.01\n196.133,0.001\n",
     "return periods": "PGA (g),Return period (yr)\n0.1,100\n0.2,1000\n",
     "a level of zero": "PGA (g),annual_rate\n0,0.1\n0.1,0.01\n0.2,0.001\n",
-    "m s-2": "PGA (m s-2),annual_rate\n0.980665,0.01\n1.96133,0.001\n",
-    "a unit without brackets": "PGA cm/s2,annual_rate\n98.0665,0.01\n196.133,0.001\n",
     "a measure in words": "Peak Ground Acceleration (g),RP\n0.1,100\n0.2,1000\n",
-    "thousands by points": "PGA (g);Return period (yr)\n0,1;100,0\n0,2;1.000,0\n",
     "thousands by commas": 'PGA (g),return_period\n0.1,"100"\n0.2,"1,000"\n',
-    "thousands and tabs": "PGA (cm/s2)\treturn_period\n98.0665\t100\n196.133\t1,000\n",
     "never exceeded": "PGA (g),return_period\n0.1,100\n0.2,1000\n3,inf\n",
     "OpenQuake with semicolons": openquake_text("#" + 8 * ";" + f'"{STATED}"', ";", ","),
-    "OpenQuake, first line quoted": openquake_text('"#' + 8 * "," + STATED + '"'),
-    "OpenQuake with tabs": openquake_text("#" + 8 * "\t" + f'"{STATED}"', "\t"),
     "OpenSHA": two_rows(OPENSHA, POES),
-    "OpenSHA as rates": two_rows(OPENSHA + " Annualized Rates"),
     "OpenSHA's labels": two_rows(
         "Num Points: 2\nX-Axis Label: PGA (g)\nY-Axis Label: Probability of Exceedance in 50 years", POES
     ),
@@ -117,21 +108,6 @@ def test_two_columns_state_their_unit_and_their_time(tmp_path, header, intensity
     curve = read_curve(written(tmp_path, f"{header}\n1,0.1\n2,0.01\n"))
     assert curve.intensity[0] == pytest.approx(intensity)
     assert curve.annual_rate[0] == pytest.approx(rate)
-
-
-@pytest.mark.parametrize("name", ["SA 5 Hz (g)", "5 Hz SA (g)", "PSA(5Hz) [g]", "T=0.2s Sa (g)", "SA(0.2)"])
-def test_a_frequency_is_one_over_the_period(name, tmp_path):
-    assert (
-        read_curve(written(tmp_path, f"{name},annual_rate\n0.1,1e-2\n0.2,1e-3\n")).measure == "sa_0.2s_m_s2"
-    )
-
-
-def test_a_unit_that_only_the_name_implies_is_told_with_the_level_of_475_years(tmp_path):
-    text = "PGA,annual_rate\n0.1,1e-2\n0.2,4e-3\n0.4,1e-3\n2,1e-5\n"
-    told = read_curve(written(tmp_path, text)).assumed
-    once_g = float(re.search(r"g: ([\d.]+) g once in 475 years", told)[1])
-    assert once_g == pytest.approx(0.2 * 2 ** (math.log(4e-3 * 475) / math.log(4)), rel=0.01)
-    assert not read_curve(written(tmp_path, text.replace("PGA", "PGA (g)"))).assumed
 
 
 UNSTATED = {
@@ -254,13 +230,6 @@ def test_what_is_no_place_on_earth_is_no_site_of_a_user_or_a_file(tmp_path, site
     path.write_text("lat,lon,0.1,0.2\n-118.1,34.2,1e-2,1e-3\n")
     with refused("site.out_of_range", "118.1"):
         read_curve(path, measure="pga_m_s2", years=0.0)
-
-
-def test_a_folder_of_events_with_the_curves_counted_from_them_is_read_as_these_curves(tmp_path):
-    (tmp_path / "events.csv").write_text(OQ + "event_id,rup_id,rlz_id,year,ses_id\n0,0,0,3,1\n")
-    (tmp_path / "gmf-data.csv").write_text(OQ + "event_id,gmv_PGV,custom_site_id\n0,12.0,here\n")
-    openquake_curves(tmp_path / "mean.csv", "mean", "PGV", (10.0, 22.0), [("here", PLACES[0], (0.4, 0.2))])
-    assert value_at(read_tree(tmp_path, "pgv_m_s", "here"), 22.0, 0.01, 50) == pytest.approx(0.2)
 
 
 def test_a_folder_of_openquake_is_a_tree_by_measure_and_site_with_its_weights_and_fractiles(tmp_path):
@@ -405,15 +374,6 @@ def test_files_with_weights_are_branches_of_one_site(tmp_path):
         read_hazard([tmp_path / "a.csv", tmp_path / "b.csv"], [0.7, 0.4])
 
 
-def test_files_of_one_tree_are_its_branches_however_they_are_given(tmp_path):
-    for number in (0, 1):
-        rlz(tmp_path, number)
-    realisations(tmp_path, (0.25, 0.75))
-    (folder,) = read_hazard(tmp_path)
-    (files,) = read_hazard(sorted(tmp_path.iterdir()))
-    assert [branch.weight for branch in folder.branches] == [branch.weight for branch in files.branches]
-
-
 def test_a_folder_skips_what_is_no_hazard_and_says_if_nothing_is(tmp_path):
     (tmp_path / "notes.txt").write_text("nothing\n")
     (tmp_path / "job.json").write_text(json.dumps({"a": 1}))
@@ -432,32 +392,25 @@ REFUSED = {
         "PGA,poe\n0.1,0.01\n0.2,0.001\n",
     ),
     "hazard.measure_missing": (
-        "pgx,annual_rate\n1,1\n2,0.1\n",
         "# nothing\nlon,lat\n",
         "PGV (m/s2),annual_rate\n0.1,0.01\n0.2,0.001\n",
         "ln PGA (g),annual_rate\n-2,1e-2\n-1,1e-3\n",
         "imt,level,annual_rate\nPGA,0.1,1e-2\nPGA,0.2,1e-3\n",
     ),
-    "hazard.rates_rise": (
-        "pga_m_s2,annual_rate\n2,1\n1,0.1\n",
-        "pga_m_s2,annual_rate\n1,0.1\n2,0.2\n",
-    ),
+    "hazard.rates_rise": ("pga_m_s2,annual_rate\n1,0.1\n2,0.2\n",),
     "hazard.number_unreadable": (
         "pga_m_s2,annual_rate\n1,x\n",
         "pgv_m_s,annual_rate\n0.1,1e-2\n0.3,nan\n1,1e-4\n",
     ),
     "hazard.values_unknown": (
         "PGA,annual rate per kyr\n0.1,0.1\n0.2,0.01\n",
-        "PGA,return period (x10^3 yr)\n0.1,0.1\n0.2,1\n",
         "PGA (g),probability of non-exceedance in 50 years\n0.1,0.9\n0.2,0.8\n",
         "PGA (g),ln rate\n0.1,0.9\n0.2,0.8\n",
-        f"PGA (g),annual_rate{' ' * 500}x\n0.1,0.9\n0.2,0.8\n",
     ),
     "hazard.rate_not_positive": ("pgv_m_s,annual_rate\n0.1,1e-2\n0.3,-1e-3\n1,1e-4\n",),
     "hazard.levels_not_rising": (
         "PGA,annual_rate\n",
         "PGA,annual_rate\n0.1,1.0\n0.3,0.1\n0.2,0.01\n",
-        "PGA,annual_rate\n-0.1,1.0\n0.1,0.1\n0.2,0.01\n",
     ),
     "hazard.no_header": (
         "0.1 0.01\n0.2 0.001\n",
@@ -469,7 +422,6 @@ REFUSED = {
     ),
     "hazard.columns_unknown": (
         "PGA (g),0.1,0.2\nannual_rate,1e-2,1e-3\n",
-        "level (g),PGA,SA(1.0)\n0.1,1e-2,1e-2\n0.2,1e-3,1e-3\n",
         "PGA (g),annual_rate,return_period\n0.1,1e-2,100\n0.2,1e-3,1000\n",
     ),
     "hazard.no_curve": (
@@ -483,18 +435,12 @@ REFUSED = {
         "# PGV [m/s] of the rock\nPGV,annual_rate\n2.0,1e-2\n100,1e-3\n",
         "PGA,annual_rate\n10,1e-2\n980,1e-3\n",
         "PGA,annual_rate\n0.5,1e-1\n1,4e-2\n2,1e-2\n5,1e-3\n9.8,1e-4\n",  # no ground has 2 g once in 475 years
-        "PGV,annual_rate\n0.1,1e-2\n2.0,1e-3\n",
-        "SA(1.0),annual_rate\n1,1e-2\n200,1e-3\n",
     ),
     "hazard.other_output": (
         OQ + "imt,iml,poe,mag,dist,mean\nPGA,.2,.1,5.5,5,.04\n",
-        OQ + "imt,iml,poe,trt,mag,dist,rlz0\nPGA,.2,.1,A,5.5,5,.04\n",
         OQ + "lon,lat,PGA-0.1,PGA-0.02\n.5,-.5,.11,.19\n",
-        OQ + "lon:float32,lat:float32,SA(0.2)-0.002105\n.5,-.5,.11\n",
         OQ + "lon,lat,0.100000~PGA,0.100000~SA(0.2)\n.5,-.5,.11,.2\n",
         OQ + "event_id,gmv_PGA,custom_site_id\n1,.2,a\n",
-        OQ + "rup_id,source_id,mag\n1,2,6.5\n",
-        OQ + "custom_site_id,lon,lat\na,.5,.5\n",
     ),
 }
 """Under 'PGA' alone 980 cm/s2 would be 980 g, a rock that nothing topples: such levels lack their unit."""
@@ -510,15 +456,6 @@ def test_what_is_no_hazard_curve_or_does_not_state_what_it_is_of_is_refused(tmp_
     for years in (0.0, 50.0) if code == "hazard.values_unknown" else ():  # whatever the user says
         with refused(code):
             read_hazard(path, hints=Hints(years=years))
-
-
-def test_a_folder_of_a_disaggregation_is_its_curves_and_without_them_a_disaggregation(tmp_path):
-    """As the engine exports one: `Dist-mean-0_3.csv` beside `hazard_curve-mean-PGA_3.csv`."""
-    (tmp_path / "Dist-mean-0_3.csv").write_text(OQ + "imt,iml,poe,dist,mean\nPGA,.2,.1,5,.04\n")
-    with refused("hazard.other_output"):
-        read_hazard(tmp_path)
-    openquake(tmp_path / "hazard_curve-mean-PGA_3.csv", (10.0, 45.0))
-    assert len(read_hazard(tmp_path)) == 1
 
 
 @pytest.mark.parametrize(
@@ -577,15 +514,6 @@ def test_answers_of_the_web_service_old_and_new_are_one_tree_by_measure(tmp_path
         assert tree.curves[0].annual_rate == pytest.approx([1e-2, 1e-3])
         assert tree.curves[0].site == (-118.1, 34.2)
         assert [part.name for part in tree.parts] == ["source Fault"]
-
-
-def test_the_unit_of_an_answers_axis_is_that_of_its_levels(tmp_path):
-    path = tmp_path / "answer.json"
-    content = answer(True, "Annual Frequency of Exceedence")
-    for axis, unit in (("Ground Motion (m/s²)", 1.0), ("Ground Motion (g)", G), ("Motion (5 % damped)", G)):
-        content["response"]["metadata"]["xlabel"] = axis
-        path.write_text(json.dumps(content))
-        assert read_hazard(path)[0].curves[0].intensity == pytest.approx([0.1 * unit, 0.2 * unit])
 
 
 @pytest.mark.parametrize("new", [False, True])

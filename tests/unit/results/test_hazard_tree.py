@@ -7,7 +7,6 @@ import pytest
 from hazard_samples import LEVELS, PLACES, RATE_AT_1, WEIGHTS, branch_poes, logic_tree
 from refusals import refused
 
-from toppling.models.proportions import effective_number
 from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.hazard.ages import exposure, joint_ages, parse_age
 from toppling.results.hazard.curves import HazardCurve, curve_of, probability_of
@@ -19,7 +18,6 @@ from toppling.results.hazard.tree import (
     Branch,
     HazardTree,
     branch_weights,
-    level_choices,
     statistics,
     weighted_fractile,
 )
@@ -110,22 +108,6 @@ def test_branches_at_other_levels_are_interpolated_where_all_have_rates():
 def test_weights_that_do_not_sum_to_one_are_refused():
     with refused("hazard.weights_sum", "0.9"):
         HazardTree("pga_m_s2", (Branch("a", 0.5, curve(0.4, 0.2)), Branch("b", 0.4, curve(0.4, 0.2))))
-
-
-def test_equal_weights_are_as_many_branches_and_one_heavy_one_is_one():
-    assert effective_number(np.full(36, 1 / 36)) == pytest.approx(36)
-    assert effective_number(np.array([1.0, 0.0])) == pytest.approx(1)
-
-
-def test_levels_are_letters_of_the_path_and_those_without_a_choice_are_left_out():
-    assert level_choices(["AAA~AA", "AAB~AA", "ABA~AB"]) == {
-        "source 2": ["A", "A", "B"], "source 3": ["A", "B", "A"], "ground motion 2": ["A", "A", "B"],
-    }  # fmt: skip
-    assert level_choices(["A~[BooreAtkinson2008]", "A~[AbrahamsonSilva]"]) == {
-        "ground motion": ["[BooreAtkinson2008]", "[AbrahamsonSilva]"]
-    }
-    assert level_choices(["b11_b21~b1", "b12_b21~b1"]) == {"source 1": ["b11", "b12"]}
-    assert level_choices(["", ""]) == {}
 
 
 def test_fractiles_without_branches_are_told_before_and_unknown_after(folder):

@@ -4,12 +4,10 @@ import json
 
 import pytest
 from click.testing import CliRunner
-from seeded import rows
 
 from toppling.orchestrator.cli import cli
 from toppling.results.analysis.exchange import write_curves
 from toppling.results.analysis.lognormal import Lognormal
-from toppling.results.store import write_part
 
 pytest.importorskip("pygmm", reason="the optional extra 'gmm' is not installed")
 
@@ -32,22 +30,8 @@ def faults(tmp_path):
     return str(path)
 
 
-ONE = ("--model", "bssa14")
-"""Each model of ground motion costs as much again."""
-
-
 def magnitudes(*arguments):
     return CliRunner().invoke(cli, ["magnitudes", *arguments, "--vs30", "760"])
-
-
-@pytest.mark.thorough
-def test_a_run_tells_how_far_other_records_would_move_the_magnitude(tmp_path):
-    write_part(tmp_path, rows(records=30, azimuths=(0.0,)))
-    told = json.loads(
-        magnitudes(str(tmp_path), *ONE, "--recurrence", "500", "--age", "20000", "--json").stdout
-    )
-    row = told["occurrences"][-1]["largest_magnitudes"][0]
-    assert row["magnitude_low"] < row["magnitude"] < row["magnitude_high"]
 
 
 def test_a_fault_whose_own_earthquake_would_have_toppled_the_rock_is_excluded(curves, faults, tmp_path):

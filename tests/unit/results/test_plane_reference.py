@@ -9,7 +9,6 @@ from reference.rocking import Ground, PlaneBody, overturns
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
-from toppling.results.analysis import plane_reference
 from toppling.results.analysis.plane_reference import (
     TIME_STEP_S,
     reference_lines,
@@ -26,20 +25,6 @@ def test_the_section_of_a_block_is_the_block():
     across = section_along(Scene.block(0.2, 0.3, 0.6), 45.0)
     # Along the diagonal the cut leaves a face of half width 0.2 at 0.2 sqrt(2).
     np.testing.assert_allclose(np.abs(across.arms_m[:, 0]), 0.2 * np.sqrt(2), atol=1e-9)
-
-
-def test_a_rock_that_is_not_at_rest_stands_on_its_outermost_contact_points_in_every_direction(monkeypatch):
-    """A support that the centre of mass overhangs: where no section cuts it on both sides, its ends are taken."""
-    scene = Scene.block(0.2, 0.2, 0.6)
-    com = scene.rock.com_m
-    support = com + np.array([[-0.2, 0.05, -0.6], [0.2, 0.05, -0.6], [0.2, 0.2, -0.6], [-0.2, 0.2, -0.6]])
-    monkeypatch.setattr(plane_reference, "support_polygon_m", lambda rock, pedestal: support)
-    cut = section_along(scene, 0.0)
-    np.testing.assert_allclose(cut.arms_m, [[-0.2, 0.6], [0.2, 0.6]], atol=1e-9)
-    assert 0.05 - 1e-9 <= cut.offset_m <= 0.2 + 1e-9
-    assert section_along(scene, 90.0) is None  # all contact points lie on one side
-    assert "0 degrees" in next(iter(plane_reference.notes({0.0: cut})))
-    assert "beyond all contact points along 90 degrees" in next(iter(plane_reference.notes({90.0: None})))
 
 
 def test_sine_pulses_topple_the_same_blocks_as_the_exact_solution():

@@ -1,11 +1,9 @@
 """Rows of several runs that answer different questions are not pooled unasked."""
 
 import pytest
-from click.testing import CliRunner
 from refusals import refused
 from seeded import rows
 
-from toppling.orchestrator.cli import cli
 from toppling.results.queries import ask
 from toppling.results.reader import open_run
 from toppling.results.store import write_part
@@ -52,16 +50,3 @@ def test_runs_that_do_not_differ_and_other_tables_are_pooled(tmp_path):
     assert ask(runs, "select 1 one").to_pylist() == [{"one": 1}]
     with refused("query.runs_differ"):
         ask(runs, POOLED, trusted=True)
-
-
-@pytest.mark.parametrize(
-    "words",
-    [["a", "b"], ["a", "mistyped"], ["select 1"], ["select 1", "--describe"]],
-)
-def test_a_query_without_sql_or_without_a_run_is_wrong_usage(tmp_path, monkeypatch, words):
-    for name in "ab":
-        made(tmp_path / name)
-    monkeypatch.chdir(tmp_path)
-    done = CliRunner().invoke(cli, ["query", *words])
-    assert done.exit_code == 2
-    assert ("SQL is missing" if words[0] == "a" else "a run is missing") in done.output

@@ -14,7 +14,7 @@ from scipy.stats import norm
 
 from toppling.results.analysis.regression import fit
 from toppling.results.hazard.curves import HazardCurve
-from toppling.results.precision.design import FIRST_ROUND, Pool, Rounds, Verdict, choose, judge
+from toppling.results.precision.design import FIRST_ROUND, Rounds, Verdict, choose
 from toppling.results.precision.probit import Answers, fit_curve
 from toppling.results.precision.statement import statement_of
 from toppling.results.precision.target import Target, estimate
@@ -232,20 +232,6 @@ def test_records_that_bear_less_than_is_asked_are_counted(bench):
     assert told.reason.startswith("12 records bear ")
     more = int(told.reason.split("some ")[1].split()[0])
     assert more > 12
-
-
-def test_an_exhausted_campaign_says_so(bench):
-    pool, ask = bench.synthetic(6, records=40, azimuths=1)
-    few = Pool(pool.rows[:, :, 8:11], {"pgv_m_s": pool.log_x["pgv_m_s"][:, 8:11]})
-    rounds = bench.play(few, ask, Target(), 1e-3, 1)
-    assert len(rounds.chosen) == few.rows.size
-    assert rounds.verdict.reason == "every job of the campaign is done"
-
-
-def test_few_jobs_end_no_run_however_narrow_their_interval():
-    answers = independent(20, spread=0.05, beta=0.01)
-    pool = Pool(np.arange(400).reshape(20, 4, 5), {"pgv_m_s": np.tile(np.linspace(-1.0, 2.0, 5), (20, 1))})
-    assert not judge(pool, {"pgv_m_s": answers}, Target(), 0.5).ended
 
 
 @pytest.mark.slow

@@ -3,7 +3,6 @@
 import json
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
 from refusals import refused
@@ -21,7 +20,6 @@ from toppling.orchestrator.run_folder import SCHEMA_VERSION
 from toppling.orchestrator.status import state_of
 from toppling.results.queries import ask
 from toppling.results.reader import open_run
-from toppling.results.schema import SCHEMA
 from toppling.results.store import compact, read_steady, write_part
 
 
@@ -147,20 +145,6 @@ def test_a_folder_that_is_no_run_and_a_query_that_is_no_sql_are_refused(run_fold
         open_run(run_folder).sql("select nonsense from results")
 
 
-@pytest.mark.parametrize("form", ["--csv", "--json", "--parquet"])
-def test_the_command_line_gives_the_answer_in_every_form(run_folder, tmp_path, form):
-    target = tmp_path / "answer.parquet"
-    options = [form, str(target)] if form == "--parquet" else [form]
-    sql = "select level_pga_m_s2, count(*) n from results group by all order by all"
-    done = CliRunner().invoke(cli, ["query", str(run_folder), sql, *options], catch_exceptions=False)
-    assert done.exit_code == 0
-    if form == "--csv":
-        assert done.output.splitlines() == ["level_pga_m_s2,n", "1.0,3", "2.0,3"]
-        return
-    answer = json.loads(done.stdout) if form == "--json" else pq.read_table(target).to_pylist()
-    assert answer == [{"level_pga_m_s2": 1.0, "n": 3}, {"level_pga_m_s2": 2.0, "n": 3}]
-
-
 def test_counts_stay_whole_numbers_and_json_holds_no_infinity(run_folder):
     sql = (
         "select level_pga_m_s2::int l, sum(1) n, 1 / 0.0 odds, [1.5::decimal(3, 1)] d, "
@@ -175,25 +159,6 @@ def test_counts_stay_whole_numbers_and_json_holds_no_infinity(run_folder):
         {"l": 2, "n": 3, "odds": None, "d": [1.5], "k": 7},
     ]
     assert [line.rpartition(",")[2] for line in asked("--csv").splitlines()] == ["k", "", "7"]
-
-
-def test_describe_names_every_column_of_every_table(run_folder):
-    done = CliRunner().invoke(cli, ["query", str(run_folder), "--describe", "--json"], catch_exceptions=False)
-    told = json.loads(done.stdout)
-    assert {line["table"] for line in told} == {"results", "motions", "scene"}
-    assert {line["column"] for line in told if line["table"] == "results"} >= set(SCHEMA.names)
-    assert {"table": "results", "column": "pgv_m_s", "type": "double", "group": "imposed", "unit": "m/s",
-            "description": "peak of the horizontal velocity vector"} in told  # fmt: skip
-
-
-def test_the_query_may_stand_before_the_run_and_no_rows_are_told_as_such(run_folder):
-    done = CliRunner().invoke(
-        cli, ["query", "select job_id from results where pga_m_s2 > 1e9", str(run_folder)]
-    )
-    assert done.output == "no rows; the columns are job_id\n"
-    two = CliRunner().invoke(cli, ["query", str(run_folder), "select 1 a", "select 2 b"])
-    assert two.exit_code == 2
-    assert "these are several queries" in two.output
 
 
 @pytest.fixture
@@ -232,26 +197,6 @@ def test_a_query_only_reads_the_tables_of_its_runs(run_folder, own, tmp_path, ki
     with pytest.raises(InputError):
         open_run(run_folder).sql(BEYOND[kind].format(own=own, written=written))
     assert not written.exists()
-
-
-def test_a_trusted_query_joins_own_files(run_folder, own):
-    sql = f"select site, count(*) n from results join '{own}' using (record_id) group by all order by all"
-    command = ["query", str(run_folder), sql, "--json"]
-    error = CliRunner().invoke(cli, command)
-    assert isinstance(error.exception, InputError)
-    done = CliRunner().invoke(cli, [*command, "--trusted"], catch_exceptions=False)
-    assert json.loads(done.stdout) == [{"site": "A", "n": 2}, {"site": "B", "n": 2}]
-
-
-@pytest.mark.parametrize(
-    "sql",
-    [
-        "with a as (select 1 x) select * from a", "from results select count(*)",
-        "select count(*) from results; -- all of them", "describe results", "summarize results",
-    ],
-)  # fmt: skip
-def test_one_select_may_take_any_shape(run_folder, sql):
-    assert len(open_run(run_folder).sql(sql)) >= 1
 
 
 @pytest.mark.parametrize(

@@ -1,11 +1,7 @@
 """Rocks beside each other: what they share, where they stand, and a page that shows each."""
 
 import json
-import os
-import re
 import shutil
-import urllib.parse
-import urllib.request
 from dataclasses import replace
 
 import numpy as np
@@ -31,7 +27,6 @@ from toppling.results.analysis.side_by_side import (
     geojson,
     on_earth,
 )
-from toppling.results.drawing.side_by_side_figures import fragilities_figure
 from toppling.results.reader import open_run
 from toppling.results.store import write_part
 
@@ -87,26 +82,6 @@ def atlas(tmp_path_factory):
 @pytest.fixture(scope="module")
 def compared(atlas):
     return compare_rocks(open_run(atlas).rocks, "pga_m_s2", SAMPLES)
-
-
-def beyond(rock):
-    """A rock whose curve was shaken less than half of its median."""
-    curve = rock.curve
-    assert curve is not None
-    return replace(
-        rock, curve=replace(curve, basis=replace(curve.basis, strongest_shaken=0.4 * curve.median))
-    )
-
-
-def test_a_median_within_what_was_shaken_is_a_dot_and_one_beyond_an_arrow_at_the_strongest(compared):
-    weak, firm = sorted((one for one in compared[0] if one.curve), key=lambda one: one.curve.median)
-    panel = fragilities_figure([weak, beyond(firm)], "pga_m_s2").axes[1]
-    marks = [line for line in panel.lines if line.get_marker() in ("o", ">")]
-    assert [line.get_marker() for line in marks] == ["o", ">"]
-    ends = [float(line.get_xdata()[0]) for line in marks]
-    assert ends == pytest.approx([weak.curve.median, 0.4 * firm.curve.median])
-    assert max(np.max(line.get_xdata()) for line in panel.lines if line.get_ydata()[0] == 1) <= ends[1]
-    assert "arrow: beyond what was run" in panel.get_title()
 
 
 def placed(atlas, copy, **places):
@@ -242,15 +217,3 @@ def test_magnitudes_of_many_rocks_are_refused_with_their_names_and_of_one_of_the
     stated = CliRunner().invoke(cli, ["magnitudes", str(atlas / "scenes" / "firm"), *options])
     assert stated.exit_code == 0
     assert "firm: median" in stated.output
-
-
-@pytest.mark.thorough
-def test_a_rocks_report_is_linked_by_an_address_whatever_signs_its_folder_has(atlas, tmp_path):
-    run, page = tmp_path / "ridge #3 50%", tmp_path / "page"
-    shutil.copytree(atlas, run)
-    report = run / "scenes" / "firm" / "report.html"
-    report.write_text("made before")
-    options = ["--samples", "20", "--out", str(page)]
-    CliRunner().invoke(cli, ["atlas", str(run), *options], catch_exceptions=False)
-    (address,) = re.findall('href="([^"#][^"]*)"', (page / "atlas.html").read_text())
-    assert urllib.request.url2pathname(urllib.parse.urlsplit(address).path) == os.path.relpath(report, page)

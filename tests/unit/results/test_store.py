@@ -34,11 +34,6 @@ def test_every_column_has_a_unit_or_is_no_quantity_and_says_what_it_means():
         assert bool(told["unit"]) == (quantity or pa.types.is_timestamp(field.type)), field.name
 
 
-def test_groups_divide_the_schema():
-    groups = [describe(field)["group"] for field in SCHEMA]
-    assert sorted(groups, key=GROUPS.index) == groups
-
-
 def test_a_run_compacts_to_one_row_a_job_in_order(tmp_path):
     write_part(tmp_path, [row("c", level_pga_m_s2=3.0), row("a", level_pga_m_s2=1.0)])
     write_part(tmp_path, [row("b", level_pga_m_s2=2.0)])
@@ -193,8 +188,3 @@ def test_rows_outside_the_schema_are_refused_before_anything_is_written(tmp_path
     with pytest.raises(ValueError, match=complaint):
         write_part(tmp_path, rows)
     assert list(Path(tmp_path).iterdir()) == []
-
-
-def test_not_a_number_is_kept_as_unknown(tmp_path):
-    part = write_part(tmp_path, [row("a", max_tilt_deg=float("nan"))])
-    assert pq.read_table(part).column("max_tilt_deg").null_count == 1

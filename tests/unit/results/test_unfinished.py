@@ -2,12 +2,9 @@
 
 import json
 import shutil
-import struct
 
-import pandas as pd
 import pytest
 from click.testing import CliRunner
-from matplotlib.figure import Figure
 from reference.idealised import ricker
 from seeded import rows
 
@@ -21,15 +18,11 @@ from toppling.orchestrator.run_folder import prepare
 from toppling.orchestrator.status import state_of
 from toppling.results.analysis.exchange import read_curves
 from toppling.results.completeness import Completeness
-from toppling.results.drawing.fit_figures import few_records, fit_words
 from toppling.results.drawing.report.content import Content
 from toppling.results.drawing.report.document import Document
 from toppling.results.drawing.report.headline import first_screen
 from toppling.results.drawing.report.methods import methods
-from toppling.results.drawing.run_figures import write_fits
-from toppling.results.drawing.style import png_bytes, save
 from toppling.results.reader import open_run
-from toppling.results.schema import SCHEMA
 from toppling.results.store import write_part
 
 LEVELS = (4, 8, 12)
@@ -91,33 +84,6 @@ def test_a_query_says_it_beside_its_answer(unfinished):
     done = CliRunner().invoke(cli, asked, catch_exceptions=False)
     assert done.stdout == "n\n27\n"
     assert done.stderr == f"{unfinished} is unfinished: {REMARK}\n"
-
-
-@pytest.mark.parametrize("remark", ["", REMARK])
-def test_a_remark_stands_above_a_figure_that_stays_as_it_was(tmp_path, remark):
-    figure = Figure(figsize=(3.0, 2.0), dpi=100)
-    figure.subplots()
-    width, height = struct.unpack(">II", png_bytes(figure, remark)[16:24])
-    assert width == 600
-    assert (height > 400) == bool(remark)
-    svg = save(figure, tmp_path / "figure", remark)[1].read_text()
-    assert (f"Unfinished run: {REMARK}" in svg) == bool(remark)
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("records", [1, 2, 4])
-def test_fits_of_few_records_are_drawn_and_said_to_be_of_few(tmp_path, records):
-    """Of fewer than five records there is no interval, and of one no prediction of others."""
-    table = rows(records=records, levels=range(2, 19, 2), azimuths=(0.0, 45.0, 90.0))
-    frame = pd.DataFrame(table, columns=SCHEMA.names)
-    written = {path.name for path in write_fits(frame, tmp_path, "rock", samples=2)}
-    assert {"fits.csv", "fits.png", "curves.csv", "curves.xml"} <= written
-    curve = read_curves(tmp_path / "fits" / "curves.csv")["pgv_m_s"]
-    assert (curve.basis.records, curve.median_interval) == (records, None)
-    assert fit_words(pd.read_csv(tmp_path / "fits" / "fits.csv").fillna({"problem": ""}), frame).endswith(
-        few_records(records)
-    )
-    assert "too few" in few_records(records)
 
 
 def test_rows_that_were_stored_and_are_not_there_are_said_to_be_lost(unfinished, tmp_path):

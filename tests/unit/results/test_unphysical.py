@@ -49,14 +49,6 @@ def test_no_median_is_told_of_rocks_together_nor_beyond_what_was_shaken(run):
     assert "median" not in told.sentence
 
 
-def test_where_all_jobs_are_beyond_no_median_is_left(run):
-    frame = run.frame()
-    told = unphysical_of(run, frame[frame["pgv_m_s"] > 3.0])
-    assert told.median_pga_without_m_s2 is None
-    assert math.isnan(told.share_without)
-    assert told.to_json()["share_without"] is None
-
-
 @pytest.mark.parametrize(
     ("factor", "pgv_m_s", "pgd_m", "beyond"),
     [(42.0, 7.0, 1.0, True), (1.0, 0.1, 4.5, True), (101.0, 0.1, 0.1, True), (99.0, 2.9, 3.9, False),

@@ -15,7 +15,6 @@ from toppling.orchestrator.cli import cli
 from toppling.results.analysis.fits import answered
 from toppling.results.analysis.fragility import effective_records
 from toppling.results.analysis.regression import fit
-from toppling.results.analysis.resampling import bootstrap
 from toppling.results.reader import open_run
 from toppling.results.store import write_part
 from toppling.results.weights import WEIGHTS_FILE, Weights, unweighted_rows, weighted_rows
@@ -34,11 +33,6 @@ def on_bases(count=2, **how):
     return frame.assign(base=pd.array(np.arange(len(frame)) % count, "Int64"))
 
 
-def test_weights_that_are_equal_leave_the_rows_as_they_are():
-    frame = on_bases()
-    assert weighted_rows(frame, weights_of(1.0, 1.0)) is frame
-
-
 def test_jobs_of_one_record_and_measure_on_unlike_bases_count_each_by_its_weight():
     frame = on_bases(records=12, levels=range(1, 16, 2), azimuths=(0.0,))
     twins = pd.concat(
@@ -54,14 +48,6 @@ def test_weights_within_records_leave_the_number_of_records_as_it_is():
     frame = weighted_rows(on_bases(records=10), weights_of(1.9, 0.1)).assign(pool=0)
     effective = effective_records(frame.assign(weight=frame["record_weight"]), ["pool"])
     assert effective.iloc[0] == pytest.approx(10.0)
-
-
-def test_the_nominal_scene_has_the_mean_weight():
-    frame = on_bases()
-    frame.loc[:9, "base"] = pd.NA
-    found = weighted_rows(frame, weights_of(1.5, 0.5))
-    assert (found.loc[:9, "base_weight"] == 1.0).all()
-    assert sorted(found["base_weight"].unique()) == pytest.approx([0.5, 1.0, 1.5])
 
 
 def test_weights_of_bases_and_of_records_are_multiplied_and_come_apart_again():
@@ -170,13 +156,3 @@ def test_constraint_map_query_and_page_of_a_run_agree_on_its_weights(weighted_ru
     words = CliRunner().invoke(cli, ["constrain", str(weighted_run)]).stdout
     assert "say as much as 1.1 equal ones; the heaviest has 94 % of the weight" in words
     assert run.weights().summary(jobs)["contacts"][0]["bases"] == 2
-
-
-def test_bootstrap_samples_are_of_the_weighted_fit(weighted_run):
-    weights_of(1e6, 1.0).write(weighted_run)
-    run = open_run(weighted_run)
-    jobs = answered(run.weighted(run.frame()))
-    fitted = fit(jobs, ["pgv_m_s"])
-    drawn = bootstrap(jobs, fitted, samples=40)
-    medians = np.exp(-drawn.coefficients[:, 0] / drawn.coefficients[:, 1])
-    assert medians.min() < fitted.lognormal.median < medians.max()

@@ -8,9 +8,8 @@ import pytest
 from click.testing import CliRunner
 from refusals import refused
 
-import toppling
 from toppling.models.errors import InputError
-from toppling.models.files.digest import read_json, seal_archive, stated, write_json
+from toppling.models.files.digest import seal_archive
 from toppling.models.files.scene_document import GEOMETRY, LABELS, WORKED_OUT
 from toppling.models.hidden_base.inspection import Inspection, inspection_of
 from toppling.models.scan.hints_file import HINTS, KEYS, hints_text, read_hints, write_hints
@@ -129,30 +128,6 @@ def test_hints_of_another_scan_say_nothing_of_this_one_and_in_place_it_is_replac
     assert [each.name for each in tmp_path.iterdir()] == ["mixed"]  # nothing is left beside it, hidden or not
 
 
-@pytest.mark.parametrize("forged", ["no told", "vertices", "huge", "text"])
-def test_what_was_kept_is_refused_where_it_is_whole_and_nonsense(rock, tmp_path, forged):
-    scene = shutil.copytree(rock, tmp_path / "rock")
-    with np.load(scene / WORKED_OUT) as kept:
-        arrays = dict(kept)
-    told = json.loads(str(arrays["told"]))
-    if forged == "no told":
-        del arrays["told"]
-    elif forged == "vertices":
-        arrays["rock_vertices"] = arrays["rock_vertices"][:5]
-    elif forged == "huge":
-        arrays["told"] = np.array(json.dumps(told | {"height_m": "high"}))
-    else:
-        arrays["plane"] = np.array(["a", "b"])
-    np.savez_compressed(scene / WORKED_OUT, **arrays)
-    seal_archive(scene / WORKED_OUT)
-    document = read_json(scene / "scene.json")
-    document["files"][WORKED_OUT] = stated(scene / WORKED_OUT)
-    write_json(scene / "scene.json", document)
-    with pytest.raises(InputError) as error:
-        WorkedOut.read(scene)
-    assert WORKED_OUT in str(error.value)
-
-
 def test_hints_survive_their_file(tmp_path):
     said = {"units": "mm", "near": [1.5, 2.0], "plane": [1.0, 2.0, 3.0, 5.0, 50.0], "pull": [[40.0, 0.21]]}
     (tmp_path / HINTS).write_text(hints_text(said))
@@ -205,22 +180,3 @@ def test_everything_said_comes_back_from_its_file(monkeypatch, tmp_path):
     (tmp_path / "gcp.csv").unlink()  # what the files held is kept
     (tmp_path / "outline.csv").unlink()
     assert asked(monkeypatch, "--hints", tmp_path / HINTS) == SAID | {"gcp": points}
-
-
-@pytest.mark.parametrize(
-    ("option", "beaten"),
-    [
-        ("--point 1,2,3", {"outline"}), ("--units mm", {"length", "gcp"}), ("--gcp other.csv", {"length", "up"}),
-    ],
-)  # fmt: skip
-def test_an_option_beside_hints_takes_the_place_of_its_rivals(monkeypatch, tmp_path, option, beaten):
-    said = {**SAID, "gcp": ["1,2,3,4,5,6"]}
-    (tmp_path / HINTS).write_text(hints_text(said))
-    found = asked(monkeypatch, "--hints", tmp_path / HINTS, *option.split())
-    assert said.keys() - found.keys() == beaten
-
-
-def test_python_names_hints_as_the_options_do(tmp_path):
-    with pytest.raises(TypeError, match="did you mean 'point'"):
-        toppling.scan(["cloud.xyz"], tmp_path / "rock", points=[(1.0, 2.0, 3.0)])
-    assert toppling.scan_again.__kwdefaults__.keys() - {"contact", "advance"} <= set(KEYS)

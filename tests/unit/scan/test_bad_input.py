@@ -1,7 +1,5 @@
 """What `toppling scan` says to clouds that it cannot use: exit 1, what, where, what to do, and nothing written."""
 
-import re
-
 import manifold3d
 import numpy as np
 import pytest
@@ -140,12 +138,6 @@ def test_a_cloud_without_a_rock_that_stands_is_refused(tmp_path, stump, make, wh
     assert where in said.where
 
 
-def test_one_bad_file_among_good_ones_is_the_one_that_is_named(tmp_path, stump):
-    good, bad = write(tmp_path / "good.xyz", stump[0][0]), tmp_path / "bad.ply"
-    bad.write_bytes(b"ply\n")
-    assert refusal(tmp_path, [good, bad]).where == str(bad)
-
-
 def test_a_scene_that_exists_is_left_alone(tmp_path):
     (tmp_path / "scene").mkdir()
     (tmp_path / "scene" / "mine.txt").write_text("precious")
@@ -170,25 +162,10 @@ def twins():
     return np.concatenate([station.points_m for station in seen])
 
 
-def test_tops_are_told_as_near_wants_them_in_survey_coordinates(twins):
-    with refused("scan.several_rocks", "2") as error:
-        segment(twins, virtual.DEMO_ORIGIN_M)
-    for east, north in re.findall(r"(\d+\.\d), (\d+\.\d) \(", error.value.what):
-        # The rocks stand at 0, 0 and 2, 0; a coarse scan's highest point lies within 0.3 m of the middle.
-        offset = np.array([float(east), float(north)]) - virtual.DEMO_ORIGIN_M[:2]
-        assert min(np.hypot(*offset), np.hypot(*(offset - [2.0, 0.0]))) < 0.3
-
-
 @pytest.mark.thorough
 def test_a_place_beside_which_nothing_stands_names_no_rock(twins):
     with refused("scan.nothing_near"):
         segment(twins, virtual.DEMO_ORIGIN_M, np.array([5.5, 4.5]))
-
-
-def test_a_place_outside_the_cloud_names_no_rock(twins):
-    cloud = Cloud(twins, virtual.DEMO_ORIGIN_M, np.zeros(len(twins), np.int32), (("twins", len(twins)),))
-    with refused("hint.outside_cloud", "3.00", "0.00"):
-        survey(cloud, near_m=(3.0, 0.0))
 
 
 def views(*points):

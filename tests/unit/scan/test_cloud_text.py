@@ -1,8 +1,5 @@
 """Clouds in text: which columns are east, north and up in whatever dialect, and what is refused as nobody can tell."""
 
-import contextlib
-import time
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -11,7 +8,6 @@ from refusals import refused
 
 from toppling.models.errors import InputError
 from toppling.models.scan.read import read_clouds
-from toppling.models.scan.text import read_text
 
 SHIFT_M = np.array([331000.0, 3777000.0, 470.0])
 POINTS_M = (np.random.default_rng(5).uniform(0.0, 12.0, (1500, 3)) + SHIFT_M).round(3)
@@ -39,16 +35,10 @@ def written(path, header="", rows=POINTS_M, sign=","):
         ("Northing,Easting,Elevation", (1, 0, 2)), ("Easting,Northing,Altitude (m)", (0, 1, 2)),
         ("id,x,y,z", (3, 0, 1, 2)), ("OBJECTID,POINT_X,POINT_Y,POINT_Z", (3, 0, 1, 2)),
         ("//Intensity,X,Y,Z", (3, 0, 1, 2)), ("//X,Y,Z,R,G,B", (0, 1, 2, 3, 3, 3)),
-        ('"N [m]","E [m]","Height [m]"', (1, 0, 2)), ("N,E,Height\n[m],[m],[m]", (1, 0, 2)),
         ("X,Y,Z,Intensity\nm,m,m,-", (0, 1, 2, 3)), ("up,point,n,x_m", (2, 3, 1, 0)), ("N,E,H", (1, 0, 2)),
-        ("Y_local,X_local,Z_local", (1, 0, 2)), ("Y coordinate,X coordinate,Z coordinate", (1, 0, 2)),
         ("Y (North),X (East),Z (Up)", (1, 0, 2)), ("N (m GDA94),E (m GDA94),Height (m a.s.l.)", (1, 0, 2)),
-        ("Y_m,X_metres,height meters", (1, 0, 2)), ("Y in m,X in m,Z in m", (1, 0, 2)),
         ("y_utm,x_utm,z_utm,intensity (dB)", (1, 0, 2, 3)), ("y,x,z,x_local", (1, 0, 2, 3)),
-        ("y,x,z\n# exported at noon by car", (1, 0, 2)), ("# Station 3 after the rain\n# y,x,z", (1, 0, 2)),
-        ("# scanned by N. E. Person and two others\n# y,x,z", (1, 0, 2)),
         ("# scanned from the north, at noon", (0, 1, 2)), ("1500\nx,y,z", (0, 1, 2)), ("\ufeffy,x,z", (1, 0, 2)),
-        ("# Höhe über Normal, ±2 mm\ny,x,z", (1, 0, 2)),
         *((header, (1, 0, 2)) for header in ("Y [m] X [m] Z [m]", "Y\tX\tZ", "Y (m), X (m), Z (m)", "Y;X;Z")),
     ],
 )  # fmt: skip
@@ -56,14 +46,6 @@ def written(path, header="", rows=POINTS_M, sign=","):
 def test_columns_are_taken_by_the_names_of_the_header(tmp_path, header, columns, sign):
     path = written(tmp_path / "cloud.txt", header, ROWS[:, columns], sign)
     np.testing.assert_allclose(read(path), POINTS_M, atol=1e-3)
-
-
-def test_of_coordinates_in_feet_and_in_metres_those_in_metres_are_taken(tmp_path):
-    both = np.hstack([POINTS_M / 0.3048, POINTS_M])
-    path = written(tmp_path / "cloud.csv", "x_ft,y_ft,z_ft,x_m,y_m,z_m", both)
-    np.testing.assert_allclose(read(path), POINTS_M, atol=1e-3)
-    path = written(tmp_path / "feet.csv", "x_ft,y_ft,z_ft", POINTS_M / 0.3048)
-    np.testing.assert_allclose(read(path, "ft"), POINTS_M, atol=1e-3)
 
 
 NAMED, OTHER_UNIT = "cloud.columns_unknown", "coordinates.unit_not_metres"
@@ -113,19 +95,6 @@ def test_columns_that_are_no_place_are_refused_until_the_header_says_what_they_a
         read(path)
     assert header in error.value.remedy
     np.testing.assert_allclose(read(written(path, header.replace(",", " "), rows, " ")), POINTS_M, atol=1e-3)
-
-
-def test_columns_that_are_in_order_after_all_are_read_by_their_header(tmp_path):
-    path = written(tmp_path / "cloud.xyz", "x y z", POINTS_M[:, (1, 0, 2)], " ")
-    np.testing.assert_allclose(read(path), POINTS_M[:, (1, 0, 2)], atol=1e-3)
-
-
-def test_a_height_of_850_m_in_millimetres_is_read_where_the_unit_is_given(tmp_path):
-    low = np.array([0.0, 0.0, 850000.0])
-    path = written(
-        tmp_path / "cloud.xyz", "", np.random.default_rng(1).uniform(low, low + 900.0, (50, 3)), " "
-    )
-    assert read_text(path, unit_given=True)[0][:, 2].min() >= 850000.0
 
 
 TEXTS = {
@@ -204,43 +173,6 @@ def test_text_that_is_no_cloud_of_plain_numbers_is_refused(tmp_path, content, to
     with pytest.raises(InputError) as error:
         read(path)
     assert error.value.code == told or not told
-
-
-def test_whole_numbers_are_read_among_decimal_commas_and_in_millimetres(tmp_path):
-    points = (POINTS_M - SHIFT_M).round(1)
-    points[::3] = points[::3].round()
-    path = tmp_path / "cloud.csv"
-    path.write_text("\n".join(";".join(f"{c:g}".replace(".", ",") for c in row) for row in points))
-    np.testing.assert_allclose(read(path), points, atol=1e-3)
-    whole = np.hstack([((POINTS_M - SHIFT_M) * 1000).round(), np.full((1500, 3), 128.0)])
-    path.write_text(body(whole, ",", "{:.0f}"))  # with colours; they have no decimal commas
-    np.testing.assert_allclose(read(path, "mm"), POINTS_M - SHIFT_M, atol=1e-3)
-
-
-@pytest.mark.parametrize(("counted", "told"), [(1505, True), (1495, True), (1500, False)])
-def test_another_count_of_points_is_told(tmp_path, counted, told):
-    path = tmp_path / "cloud.pts"
-    path.write_text(f"{counted}\n" + text("{} {} {} 7\n"))
-    (source,) = read_clouds([path]).sources
-    assert (f"1500 points where the file counts {counted}" in source.note) == told
-
-
-@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
-def test_degrees_are_told_whichever_of_them_comes_first(tmp_path, order):
-    metres = np.random.default_rng(2).uniform(0.0, 10.0, (1500, 3))
-    degrees = np.column_stack([-118.9 + metres[:, 0] / 92_000, 34.1 + metres[:, 1] / 111_000])[:, order]
-    np.savetxt(tmp_path / "cloud.xyz", np.column_stack([degrees, metres[:, 2] + 445.2]), fmt="%.9f")
-    with refused("coordinates.in_degrees"):
-        read(tmp_path / "cloud.xyz")
-
-
-@pytest.mark.parametrize("filler", [" ", "[", "( ", "x [", "x] "])
-def test_a_header_of_any_length_is_soon_read_or_refused(tmp_path, filler):
-    path = written(tmp_path / "cloud.csv", f"x{filler * 100_000}y,z")
-    began_s = time.process_time()
-    with contextlib.suppress(InputError):
-        read(path)
-    assert time.process_time() - began_s < 5.0  # minutes where the time grows by the length's square
 
 
 @settings(max_examples=20)

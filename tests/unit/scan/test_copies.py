@@ -6,8 +6,8 @@ import pytest
 from refusals import refused
 
 from toppling.models.files.mesh_files import write_ply
-from toppling.models.scan.read import Cloud, read_clouds
-from toppling.models.scan.register import copies, registered, without
+from toppling.models.scan.read import read_clouds
+from toppling.models.scan.register import copies, registered
 from toppling.models.scan.survey import work_out
 
 
@@ -44,15 +44,6 @@ def test_points_told_many_times_are_read_once(tmp_path, suffix, times):
     np.testing.assert_allclose(found, np.unique(once, axis=0), atol=1e-9)
 
 
-@pytest.mark.parametrize("different", [1, 5, 998])
-def test_a_cloud_of_few_points_told_many_times_is_refused(tmp_path, different):
-    times = 20_000 // different
-    once = np.random.default_rng(different).uniform(0.0, 2.0, (different, 3)).round(3)
-    write_xyz(tmp_path / "cloud.xyz", np.vstack([np.repeat(once, times, axis=0), [[9.0, 9.0, 9.0]]]))
-    with refused("cloud.too_few_points", different + 1, times * different + 1):
-        registered(read_clouds([tmp_path / "cloud.xyz"]))
-
-
 def test_no_two_different_points_are_taken_for_copies():
     grid = np.stack(np.meshgrid(*[np.arange(60) * 2.0**-7] * 3), axis=-1).reshape(-1, 3)
     assert copies(np.vstack([grid, -grid[grid.all(axis=1)]])) is None
@@ -76,19 +67,6 @@ def test_steps_as_wide_as_the_spacing_take_no_points_away():
     assert copies(sheet) is None
 
 
-def test_the_first_of_several_copies_keeps_its_file_and_label():
-    points = np.random.default_rng(1).uniform(0.0, 1.0, (40, 3))
-    twice = np.vstack([points, points])
-    label = np.repeat(np.array([0, 1], np.int8), 40)
-    station = label.astype(np.int32)
-    cloud = Cloud(twice, np.zeros(3), station, (("rock", 40), ("all", 40)), label=label)
-    left = without(cloud, copies(twice))
-    assert left.files == (("rock", 40), ("all", 0))
-    assert not left.label.any()
-    assert not left.station.any()
-    np.testing.assert_array_equal(left.points_m, points)
-
-
 @pytest.fixture(scope="module")
 def seen(stump, tmp_path_factory):
     """Points of the stump, and the file of them."""
@@ -96,15 +74,6 @@ def seen(stump, tmp_path_factory):
     file = tmp_path_factory.mktemp("whole") / "once.ply"
     write_cloud(file, points_m)
     return points_m, file
-
-
-def test_a_scan_merged_with_itself_is_that_scan(seen, tmp_path):
-    points_m, file = seen
-    write_cloud(tmp_path / "often.ply", np.tile(points_m, (23, 1)))
-    once, often = (registered(read_clouds([each])).cloud for each in (file, tmp_path / "often.ply"))
-    np.testing.assert_array_equal(often.points_m, once.points_m)
-    np.testing.assert_array_equal(often.station, once.station)
-    assert [source.left_out for source in often.sources] == [22 * len(points_m)]
 
 
 @pytest.mark.thorough
@@ -118,3 +87,12 @@ def test_tiles_that_overlap_give_the_rock_of_the_whole(seen, tmp_path):
     assert rock.volume_m3 == pytest.approx(whole.volume_m3, rel=0.01)
     apart_m = rock.com_m + tiled.origin_m - whole.com_m - once.origin_m
     assert np.linalg.norm(apart_m) < 0.005 * whole.height_m
+
+
+@pytest.mark.parametrize("different", [1, 5, 998])
+def test_a_cloud_of_few_points_told_many_times_is_refused(tmp_path, different):
+    times = 20_000 // different
+    once = np.random.default_rng(different).uniform(0.0, 2.0, (different, 3)).round(3)
+    write_xyz(tmp_path / "cloud.xyz", np.vstack([np.repeat(once, times, axis=0), [[9.0, 9.0, 9.0]]]))
+    with refused("cloud.too_few_points", different + 1, times * different + 1):
+        registered(read_clouds([tmp_path / "cloud.xyz"]))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from refusals import refused
 
-from toppling.models.hidden_base.inspection import Inspection, inspection_of
+from toppling.models.hidden_base.inspection import inspection_of
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.survey import survey
 from toppling.orchestrator.public.making import in_files
@@ -54,8 +54,3 @@ def test_a_place_outside_the_cloud_is_refused_before_the_cloud_is_split(tmp_path
     assert error.value.where == f"{path}, line 4"
     # The verb leaves the name of the file that is wrong as it is.
     assert in_files(error.value, (Path("a.xyz"),), path) is error.value
-
-
-def test_nothing_said_is_known_as_such():
-    assert Inspection().says_nothing
-    assert not inspection_of(None, [(0.0, 0.2)]).says_nothing

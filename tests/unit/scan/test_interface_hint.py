@@ -4,7 +4,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from refusals import refused
 
 from toppling.models.scan import virtual
@@ -14,7 +13,6 @@ from toppling.models.scan.register import register
 from toppling.models.scan.segment import PEDESTAL, ROCK
 from toppling.models.scan.survey import survey
 from toppling.models.statics import support_polygon_m
-from toppling.orchestrator.verbs.scan import scan
 
 SLOPE_DEG, DOWNHILL_DEG = 6.0, 250.0
 
@@ -103,14 +101,6 @@ def test_a_word_about_another_place_is_refused(stump):
     _, cloud, _ = stump
     with refused("hint.outside_cloud"):
         survey(cloud, hint=InterfaceHint.plane((0.0, 0.0, 0.0), 5.0, 0.0))
-
-
-def test_two_words_at_once_are_refused_and_nothing_is_written(tmp_path):
-    out = tmp_path / "scene"
-    arguments = ["cloud.laz", "--out", str(out), "--outline", "a.csv", "--plane", "0", "0", "0", "5", "0"]
-    with refused("interface.given_twice"):
-        CliRunner().invoke(scan, arguments, catch_exceptions=False)
-    assert not out.exists()
 
 
 def test_stations_shifted_against_each_other_are_brought_back(stump):

@@ -8,10 +8,8 @@ from hypothesis import strategies as st
 from refusals import refused
 
 from toppling.models.errors import InputError
-from toppling.models.files.mesh_files import write_ply
 from toppling.models.scan import meshes
-from toppling.models.scan.overlap import check_overlap
-from toppling.models.scan.placement import Placement, placement_of
+from toppling.models.scan.placement import placement_of
 from toppling.models.scan.read import read_clouds
 from toppling.models.scan.reference import of_user
 
@@ -66,15 +64,6 @@ def test_a_mesh_is_read_in_every_format_unit_and_attitude(tmp_path, suffix):
     assert not cloud.station.any()
 
 
-@pytest.mark.parametrize("suffix", ["obj", "glb"])
-def test_all_parts_of_a_file_are_read(tmp_path, suffix):
-    parts = [trimesh.Trimesh(each.vertices @ np.transpose(Y_UP), each.faces) for each in pieces()]
-    trimesh.Scene(parts).export(tmp_path / f"site.{suffix}")
-    np.testing.assert_allclose(
-        bounds(read_clouds([tmp_path / f"site.{suffix}"], None, placement_of(up="y"))), METRES, atol=0.05
-    )
-
-
 def test_gltf_is_y_up_unless_one_says_otherwise(tmp_path):
     upright = exported(tmp_path / "a.glb", turn=Y_UP)
     np.testing.assert_allclose(bounds(read_clouds([upright])), METRES, atol=0.05)
@@ -83,17 +72,6 @@ def test_gltf_is_y_up_unless_one_says_otherwise(tmp_path):
     with refused("mesh.frame_unstated"):
         read_clouds([wrong])
     np.testing.assert_allclose(bounds(read_clouds([wrong], None, placement_of(up="z"))), METRES, atol=0.05)
-
-
-@pytest.mark.parametrize(
-    ("suffix", "head", "unit"), [("stl", b"UNITS=cm".ljust(80), "cm"), ("obj", b"# units: cm\n", "cm")]
-)
-def test_another_unit_in_a_files_own_words_is_refused_until_the_user_says_it(tmp_path, suffix, head, unit):
-    path = exported(tmp_path / f"site.{suffix}", scale=100.0)
-    path.write_bytes(head + path.read_bytes()[80 if suffix == "stl" else 0 :])
-    with refused("coordinates.unit_not_metres"):
-        read_clouds([path])
-    np.testing.assert_allclose(bounds(read_clouds([path], unit)), METRES, atol=0.05)
 
 
 @pytest.mark.parametrize(
@@ -121,25 +99,6 @@ def test_an_open_mesh_shows_which_axis_is_up(tmp_path, axis):
     np.testing.assert_allclose(bounds(read_clouds([path], None, placement_of(up=axis)))[1, 2], 1.6, atol=0.05)
 
 
-def test_a_mesh_turned_inside_out_is_read_as_the_one_it_is_of_once_up_is_said(tmp_path):
-    inside_out = site()
-    inside_out.faces = inside_out.faces[:, ::-1]
-    path, right = exported(tmp_path / "out.ply", inside_out), exported(tmp_path / "site.ply")
-    with refused("mesh.frame_unstated"):
-        read_clouds([path])
-    placed = read_clouds([path], None, placement_of(up="z", length=((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 1.0)))
-    assert len(placed.points_m) == pytest.approx(len(read_clouds([right]).points_m), abs=10)
-    np.testing.assert_allclose(bounds(placed), METRES, atol=0.05)
-
-
-def test_vertices_that_no_triangle_has_say_nothing_of_a_mesh(tmp_path):
-    mesh = site()
-    mesh.vertices = mesh.vertices + np.array([331250.0, 3777310.0, 480.0])
-    write_ply(tmp_path / "cut.ply", np.vstack([np.zeros((2, 3)), mesh.vertices]), mesh.faces + 2)
-    cloud = read_clouds([tmp_path / "cut.ply"])
-    np.testing.assert_allclose(bounds(cloud) - np.array([331250.0, 3777310.0, 480.0]), METRES, atol=0.05)
-
-
 def test_a_tilted_mesh_is_told_with_the_direction_that_sets_it_upright(tmp_path):
     turn = trimesh.transformations.rotation_matrix(np.deg2rad(60.0), [1.0, 1.0, 0.0])[:3, :3]
     path = exported(tmp_path / "site.ply", turn=turn)
@@ -148,13 +107,6 @@ def test_a_tilted_mesh_is_told_with_the_direction_that_sets_it_upright(tmp_path)
     way = error.value.remedy.split("--up ")[1].split(";")[0]
     placed = bounds(read_clouds([path], None, placement_of(up=way)))
     assert np.ptp(placed[:, 2]) == pytest.approx(1.6, abs=0.1)
-
-
-def test_pieces_of_one_model_are_no_stations_that_must_overlap(tmp_path):
-    files = [exported(tmp_path / f"part{number}.ply", part) for number, part in enumerate(pieces())]
-    cloud = read_clouds(files, "m", Placement(says_up=True))
-    assert not cloud.station.any()
-    check_overlap(cloud)
 
 
 def test_points_lie_on_the_mesh_and_cover_its_area_and_its_detail():
@@ -167,22 +119,6 @@ def test_points_lie_on_the_mesh_and_cover_its_area_and_its_detail():
     area = 0.63 / mesh.area
     triangles = (mesh.triangles[:, :, 2].min(axis=1) > 1.5).mean()
     assert top == pytest.approx(0.5 * area + 0.5 * triangles, rel=0.05)
-
-
-def test_two_words_on_the_scale_are_refused(tmp_path):
-    placed = placement_of(length=((0, 0, 0), (8000, 0, 0), 8.0))
-    path = exported(tmp_path / "site.obj", scale=1000.0)
-    np.testing.assert_allclose(bounds(read_clouds([path], None, placed)), METRES, atol=0.05)
-    with refused("placement.given_twice"):
-        read_clouds([path], "mm", placed)
-
-
-def test_the_users_coordinate_system_wins_and_is_kept(tmp_path):
-    path = exported(tmp_path / "site.ply")
-    (source,) = read_clouds([path], None, None, of_user("EPSG:2229")).sources  # US survey feet
-    assert source.epsg == 2229
-    assert source.metres_per_unit == pytest.approx((0.3048006, 0.3048006))
-    assert source.to_json()["coordinate_system"].startswith("NAD83 / California zone 5")
 
 
 def test_what_nobody_can_have_seen_is_left_out_and_nothing_else(tmp_path):
@@ -203,44 +139,6 @@ def test_what_nobody_can_have_seen_is_left_out_and_nothing_else(tmp_path):
     below = low & inside([-2.5, 0.5], [-1.5, 1.5])
     assert below.sum() == pytest.approx(low.sum() / (8 * 6 - 0.63), rel=0.3)  # a square metre of the ground
     assert (np.abs(points[:, 2] - 0.5) < 1e-6).any()  # and the table's underside
-
-
-def test_triangles_that_do_not_say_which_side_is_out_lose_nothing(tmp_path):
-    mesh = site()
-    turned = np.random.default_rng(2).random(len(mesh.faces)) < 0.6
-    mesh.faces[turned] = mesh.faces[turned][:, ::-1]
-    cloud = read_clouds([exported(tmp_path / "site.ply", mesh)], None, placement_of(up="z"))
-    assert len(cloud.points_m) == 20_000
-
-
-def test_negative_numbers_of_an_obj_count_back_from_where_they_stand(tmp_path):
-    """Each piece has its vertices before its faces: those of the last piece are not what the first one means."""
-    forward, back = tmp_path / "forward.obj", tmp_path / "back.obj"
-    lines: dict[str, list[str]] = {"forward": ["mtllib none.mtl"], "back": ["mtllib none.mtl"]}
-    first = 1
-    for number, piece in enumerate(pieces()):
-        corners = [f"o piece{number}", *("v {:.6f} {:.6f} {:.6f}".format(*each) for each in piece.vertices)]
-        corners += ["vt 0.5 0.5", "usemtl stone"]
-        for name, start, texture in (("forward", first, number + 1), ("back", -len(piece.vertices), -1)):
-            lines[name] += corners
-            lines[name] += [
-                "f " + " ".join(f"{start + corner}/{texture}" for corner in face) for face in piece.faces
-            ]
-        first += len(piece.vertices)
-    forward.write_text("\n".join(lines["forward"]))
-    back.write_text("\r\n".join(lines["back"]))
-    np.testing.assert_allclose(bounds(read_clouds([forward])), METRES, atol=0.05)
-    for known, read in zip(meshes.mesh_as_in_file(forward), meshes.mesh_as_in_file(back), strict=True):
-        np.testing.assert_array_equal(known, read)
-
-
-def test_a_gltf_finds_its_numbers_in_the_file_beside_it(tmp_path):
-    mesh = trimesh.creation.box()
-    for name, content in trimesh.exchange.gltf.export_gltf(trimesh.Scene(mesh)).items():
-        (tmp_path / name).write_bytes(content)
-    path = tmp_path / "model.gltf"
-    assert list(tmp_path.glob("*.bin"))
-    assert len(meshes.mesh_as_in_file(path)[1]) == len(mesh.faces)
 
 
 @settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -288,13 +186,6 @@ def obj(text):
 COUNTED = "v 0 0 0\nv 1 0 0\nv 10 0 1\nv 0 1 0\nvt 0 0\nf 1 2 3\n"
 
 
-def test_materials_of_a_gltf_and_lines_of_an_obj_that_go_on_change_no_triangle(tmp_path):
-    gltf(('"scene":', '"extensionsRequired": ["KHR_materials_unlit"], "scene":'))(tmp_path / "model")
-    square = "v 0 0 {0}\nv 1 0 {0}\nv 1 1 {0}\nf -3 -2 \\\n-1\n"
-    read = obj(square.format(0) + square.format(1))(tmp_path / "two")
-    np.testing.assert_array_equal(read[1], [[0, 1, 2], [3, 4, 5]])
-
-
 @pytest.mark.parametrize(
     ("read", "code"),
     [
@@ -310,3 +201,11 @@ def test_materials_of_a_gltf_and_lines_of_an_obj_that_go_on_change_no_triangle(t
 def test_a_mesh_that_cannot_be_read_as_it_is_meant_is_refused(tmp_path, read, code):
     with refused(code):
         read(tmp_path / "model")
+
+
+def test_the_users_coordinate_system_wins_and_is_kept(tmp_path):
+    path = exported(tmp_path / "site.ply")
+    (source,) = read_clouds([path], None, None, of_user("EPSG:2229")).sources  # US survey feet
+    assert source.epsg == 2229
+    assert source.metres_per_unit == pytest.approx((0.3048006, 0.3048006))
+    assert source.to_json()["coordinate_system"].startswith("NAD83 / California zone 5")

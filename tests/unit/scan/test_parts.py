@@ -105,14 +105,6 @@ def test_points_that_are_not_finite_shift_no_label(parted):
     np.testing.assert_array_equal(cloud.label, np.delete(label, np.s_[::7]))
 
 
-def test_a_level_ground_that_is_called_the_rock_is_refused():
-    points = np.random.default_rng(1).uniform(0.0, 1.0, (2000, 3)) * np.repeat(
-        [[1.0, 1.0, 0.0], [0.2, 0.2, 1.0]], 1000, 0
-    )
-    with refused("parts.rock_flat"):
-        as_labelled(points, np.repeat([ROCK, PEDESTAL], 1000).astype(np.int8))
-
-
 @pytest.mark.parametrize("apart_m", [0.2, 30.0])
 def test_a_rock_that_lies_apart_from_its_pedestal_is_refused_as_that(apart_m):
     along = np.linspace(-1.5, 1.5, 151)

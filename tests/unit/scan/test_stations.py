@@ -11,8 +11,6 @@ from toppling.models.scan.overlap import check_overlap
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.register import check_fit, register
 from toppling.models.scan.survey import survey
-from toppling.models.scene import Scene
-from toppling.results.drawing.scene_figures import numbers_of
 
 
 @pytest.fixture(scope="module")
@@ -35,11 +33,6 @@ def test_of_one_file_the_station_that_shows_another_place_is_named(cloud, off_m)
         check_overlap(one)
     assert error.value.where == "all.e57, station 4 of 5"
     check_overlap(dataclasses.replace(cloud, files=one.files))
-
-
-def test_strips_of_one_file_may_lie_side_by_side(cloud):
-    beside = (cloud.points_m[:, 0] > 1.0).astype(np.int32)
-    check_overlap(Cloud(cloud.points_m, cloud.origin_m, beside, (("strips.las", len(beside)),)))
 
 
 def test_stations_that_fit_are_told_one_by_one(cloud):
@@ -85,49 +78,10 @@ def test_two_stations_of_which_one_is_turned_about_the_rock_are_refused(cloud, t
     assert error.value.where == "one and other"
 
 
-def test_two_stations_that_show_other_places_though_they_lie_near_are_refused():
-    told = {"voxel_m": 0.02, "of_stations": [{"residual_m": None, "paired_share": 0.0, "own_m": 0.001}] * 2}
-    files = (("one", 2), ("other", 2))
-    two = Cloud(np.zeros((4, 3)), np.zeros(3), np.repeat([0, 1], 2).astype(np.int32), files)
-    with refused("scan.stations_disagree"):
-        check_fit(two, told)
-
-
 @pytest.mark.parametrize("noise_m", [0.0, 0.01])
 @pytest.mark.parametrize("turn_deg", [0.0, 3.0])
 def test_two_stations_that_fit_or_are_brought_back_are_taken(cloud, turn_deg, noise_m):
     check_fit(*register(two_of(cloud, turn_deg, noise_m)))
-
-
-def test_the_one_residual_over_all_hides_a_station_that_is_off_and_its_own_does_not(cloud):
-    _, told = register(with_one_off(cloud, 2, [0.15, 0.15, 0.15]))
-    assert told["residual_m"] < 0.002
-    assert told["of_stations"][2]["residual_m"] > 0.02
-    assert told["of_stations"][2]["paired_share"] < 0.15
-
-
-@pytest.mark.parametrize(
-    ("residuals_m", "told"),
-    [
-        ((0.0007, 0.0031), "2 stations fit each other within 0.8 mm, the worst within 3.1 mm"),
-        # Stations that share no place with others are not said to fit.
-        ((None, 0.0007, 0.0031), "2 of 3 stations fit each other within 0.8 mm, the worst within 3.1 mm"),
-    ],
-)
-def test_the_page_tells_how_well_the_worst_station_fits(residuals_m, told):
-    fits = [{"residual_m": each, "paired_share": each and 0.9} for each in residuals_m]
-    report = {"registration": {"stations": len(fits), "residual_m": 0.0008, "of_stations": fits}}
-    assert told in numbers_of(dataclasses.replace(Scene.block(0.2, 0.3, 0.6), report=report))
-
-
-def test_of_stations_without_a_common_place_nothing_is_said_to_fit(cloud):
-    kept = cloud.station < 2
-    points = cloud.points_m[kept] + np.where(cloud.station[kept] == 1, 50.0, 0.0)[:, None]
-    files = tuple((f"station{k + 1}", int((cloud.station == k).sum())) for k in range(2))
-    _, told = register(Cloud(points, cloud.origin_m, cloud.station[kept], files))
-    assert told["residual_m"] is None
-    said = numbers_of(dataclasses.replace(Scene.block(0.2, 0.3, 0.6), report={"registration": told}))
-    assert "2 stations do not overlap: the residual of their registration is unknown" in said
 
 
 def test_a_station_that_is_brought_back_is_taken(cloud):

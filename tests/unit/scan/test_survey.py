@@ -6,12 +6,9 @@ import numpy as np
 import pytest
 from refusals import refused
 
-from toppling.models.errors import InputError
-from toppling.models.files.digest import read_json, write_json
 from toppling.models.frames import slope_of_normal
 from toppling.models.pedestal import Pedestal
 from toppling.models.scan import virtual
-from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK
 from toppling.models.scan.survey import save_survey, survey
 from toppling.models.scene import Scene
@@ -82,18 +79,6 @@ def test_a_saved_scene_is_read_back_with_its_labels_and_survey_origin(stump, sur
     assert (folder / "scene.png").stat().st_size > 10_000
 
 
-def test_a_scene_that_is_not_whole_or_whose_content_has_another_id_is_refused(tmp_path):
-    folder = Scene.block(0.2, 0.3, 0.6).save(tmp_path / "scene")
-    whole = read_json(folder / "scene.json")
-    keys = ("id", "pedestal", "interface", "contact", "gravity_m_s2", "origin_m", "report")
-    without = [{key: value for key, value in whole.items() if key != lost} for lost in keys]
-    changed = [whole | {lost: other} for lost in keys for other in (None, [1])]
-    for left in (*without, *changed, whole | {"id": "0" * 20}):
-        write_json(folder / "scene.json", left)
-        with pytest.raises(InputError):
-            Scene.load(folder)
-
-
 @pytest.mark.slow
 def test_the_same_cloud_gives_the_same_scene(stump, surveyed):
     cloud, found = stump[1], surveyed
@@ -107,27 +92,11 @@ def twins():
     return truth, virtual.cloud_of(stations, np.zeros(3))[0]
 
 
-@pytest.mark.slow  # test_bad_input.py has the law, of the split alone
-def test_of_two_like_rocks_none_is_taken_silently(twins):
-    with refused("scan.several_rocks", "2"):
-        survey(twins[1])
-
-
 @pytest.mark.slow
 def test_of_two_rocks_the_named_one_is_taken(twins):
     truth, cloud = twins
     found = survey(cloud, near_m=tuple(truth.rock.com_m[:2]))
     assert found.scene.rock.volume_m3 == pytest.approx(truth.rock.volume_m3, rel=0.03)
-
-
-@pytest.mark.slow
-def test_of_two_rocks_on_a_given_plane_the_named_one_is_taken(twins):
-    truth, cloud = twins
-    pedestal = truth.pedestal
-    plane = InterfaceHint.plane(pedestal.point_m, pedestal.slope_deg, pedestal.downhill_azimuth_deg)
-    found = survey(cloud, near_m=(2.0, 0.0), hint=plane)
-    # The other rock's axis is 2 m from the plane's point; half a rock's width is enough to tell them apart.
-    assert np.hypot(*(found.scene.rock.com_m[:2] + found.scene.origin_m[:2] - [2.0, 0.0])) < 0.5
 
 
 def test_stations_that_show_different_places_are_refused(stump):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from toppling.models.scan.view import LIGHT, around, picked, shade, thinned
+from toppling.models.scan.view import around, picked, thinned
 
 
 @pytest.fixture(scope="module")
@@ -22,33 +22,6 @@ def test_as_many_points_as_are_wanted_are_shown_evenly(wall):
     assert abs(left - 0.5) < 0.02  # of the points themselves, 71 % lie there
     # A surface looks closed where points cover their spacing, uneven as it is: a square grid's and somewhat more.
     assert 1.0 < shown.spacing_m / np.sqrt(30.0 / len(shown.rows)) < 1.6
-
-
-def test_a_small_cloud_is_shown_whole(wall):
-    few = wall[:500]
-    assert np.array_equal(thinned(few, 20_000).rows, np.arange(500))
-    among = np.arange(0, 500, 5)
-    assert set(thinned(few, 20_000, among).rows) == set(among)
-
-
-def test_slopes_are_told_apart_by_their_brightness():
-    rng = np.random.default_rng(3)
-    flat, side = np.zeros((500, 3)), np.zeros((500, 3))
-    flat[:, :2], side[:, 1:] = rng.random((500, 2)), rng.random((500, 2)) + 5.0
-    light = shade(np.vstack([flat, side]))
-    assert (light > 0.0).all()
-    assert (light <= 1.0).all()
-    assert light[:500].min() > light[500:].max() + 0.1
-
-
-def test_a_rock_is_bright_where_it_faces_the_light_and_not_where_it_hangs_over():
-    rng = np.random.default_rng(4)
-    ball = rng.normal(size=(4000, 3))
-    ball /= np.linalg.norm(ball, axis=1, keepdims=True)
-    light = shade(ball, np.ones(len(ball), bool))
-    facing = ball @ LIGHT
-    assert np.corrcoef(light, facing)[0, 1] > 0.99
-    assert np.corrcoef(shade(ball), facing)[0, 1] < 0.9  # as ground, the lower half would face upward
 
 
 def test_a_click_means_the_point_nearest_to_its_ray(wall):

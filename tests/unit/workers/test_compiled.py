@@ -126,29 +126,6 @@ def test_the_cache_of_every_compiled_function_is_verified():
     assert type(room.compiled(lambda x: x)._cache._cache_file) is _VerifiedFile
 
 
-@pytest.mark.parametrize(
-    ("before", "content"),
-    [
-        ("", ": : ["),
-        *((before, "disable_jit: 1\n") for before in ("", "import yaml, dask\n", "import numba\n")),
-    ],
-)
-def test_settings_of_numba_in_the_working_folder_are_not_obeyed(tmp_path, content, before):
-    (tmp_path / ".numba_config.yaml").write_text(content)
-    program = (
-        f"{before}from toppling.models.numba_alone import numba; import yaml; numba.core.config.reload_config(); "
-        "print(numba.core.config.DISABLE_JIT, int(numba.core.config.OPT), yaml.__name__)"
-    )
-    done = subprocess.run(
-        [sys.executable, "-P", "-W", "error", "-c", program],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.stdout.split() == ["0", "3", "yaml"], done.stderr
-
-
 INNER = """
 from toppling.models.compiled import compiled, inner
 
@@ -169,24 +146,6 @@ try:
 except ValueError as error:
     print(error)
 """
-
-
-@pytest.mark.thorough
-def test_inner_functions_print_and_raise_where_they_were_compiled_and_where_they_were_kept(tmp_path):
-    program = tmp_path / "program.py"
-    program.write_text(INNER)
-    for _ in range(2):
-        done = subprocess.run(
-            [sys.executable, program],
-            env={**os.environ, "TOPPLING_CACHE": str(tmp_path)},
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-        assert done.stdout.split("\n") == ["inner 4.0", "4.0", "inner -1.0", "negative", ""]
-    kept = [path.name for path in tmp_path.rglob("*.nbc")]
-    assert len(kept) == 1
-    assert "twice" in kept[0]
 
 
 @pytest.mark.thorough
@@ -228,17 +187,6 @@ def test_no_compiled_function_brings_along_the_text_of_an_error_about_shapes():
     kept = [path.read_bytes() for path in FOLDER.rglob("*.nbc")]
     assert len(kept) > 2
     assert not any(b"shape_context" in each for each in kept)
-
-
-def test_numba_is_imported_in_one_module_only():
-    rooms = Path(__file__).parents[3]
-    importing = [
-        path.name
-        for room in ("models", "workers", "orchestrator", "results")
-        for path in (rooms / room).rglob("*.py")
-        if re.search(r"^\s*(from numba|import numba)", path.read_text(), re.MULTILINE)
-    ]
-    assert importing == ["numba_alone.py"]
 
 
 def test_memory_is_counted_wherever_a_compiled_function_returns_arrays():

@@ -2,5 +2,5 @@
 
 __all__ = [
     "draws", "from_scan", "inspection", "intervals", "near_interface", "observed", "rough_base",
-    "standing", "statics", "underside",
+    "standing", "underside",
 ]  # fmt: skip

@@ -23,9 +23,9 @@ _EVIDENCE_SHARE = 0.15
 _LEAST_EVIDENCE = 0.3
 """Ratio by which a rim tells a rough base from a rounded one at most: no base is quite of one kind."""
 _EDGE_PER_WIDTH, _EDGE_LENGTH_PER_WIDTH, _EDGE_ROUGH_PER_WIDTH = 0.008, 0.5, 0.0005
-"""Of a flat base's edge, over the root of its area: how high it is broken, over what length, and how rough it is."""
+"""Edge of a flat base, over the root of its area: how high it is broken, over what length, and how rough it is."""
 _BOWL_PER_WIDTH = 0.05
-"""Of a rounded base: standard deviation of what it rises to its outline, over the root of its area."""
+"""Standard deviation of the rise of a rounded base to its outline, over the root of its area."""
 _ROUNDED_PER_WIDTH = (
     (0.006, 0.7, (1.5,)),
     (0.006, 0.7, (2.0,)),
@@ -124,7 +124,7 @@ together, and what the draw itself is off by."""
 _SPANNED_STDS = 2.5
 """Standard deviations beyond which a measured ratio contradicts all draws: of true ones one in 80."""
 _SPANNED_SHARE = 0.99
-"""Of the draws' weight: the others were drawn, but next to none of them would be kept."""
+"""Share of the draws' weight that spans them: next to none of the others would be kept."""
 Pulls = Sequence[tuple[float, float]]
 
 

@@ -53,10 +53,10 @@ MORE_ROUNDS, ENOUGH = 3, 16.0
 """Where measured pulls leave fewer effective draws than enough, so many more rounds of candidates at most are drawn;
 if they are too few still, the pulls count less."""
 LEVEL = 0.9
-"""Of the intervals that are stated."""
+"""Probability of the stated intervals."""
 AZIMUTHS_DEG = np.arange(0.0, 360.0, 15.0)
 _FITTING_SHARE = 1.0 / 3.0
-"""Of the draws over a surface whose base fits it, at least: friction acts on contacts that three points do not have."""
+"""Least share of draws over a surface whose base fits it: friction acts on contacts that three points do not have."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +93,7 @@ class DrawnBases:
         return interval_of(self.toppling_m_s2)
 
     def lift_off_interval_m_s2(self) -> tuple[Array, Array, Array] | None:
-        """The same of the acceleration at which contacts begin to open."""
+        """Low, median and high (azimuths,) of the acceleration at which contacts begin to open."""
         return None if self.lift_off_m_s2 is None else interval_of(self.lift_off_m_s2)
 
     @property

@@ -24,16 +24,16 @@ from toppling.models.hidden_base.near_interface import SIDE_TANGENT
 from toppling.models.proportions import effective_number
 
 _JITTER = 1e-6
-"""Of the variance, added to the diagonal of a covariance so that it can be inverted."""
+"""Share of the variance added to the diagonal of a covariance so that it can be inverted."""
 _ROUNDS = 80
-"""Of the active set, in each of which up to `_MOST_AT_ONCE` places are added."""
+"""Rounds of the active set, in each of which up to `_MOST_AT_ONCE` places are added."""
 _MOST_AT_ONCE = 12
 _TRIANGLES = 12
-"""Of the hull that are looked at below the line of the weight."""
+"""Triangles of the hull that are looked at below the line of the weight."""
 _EFFECTIVE_SHARE = 0.1
-"""Of the draws, which their weights leave effective at least."""
+"""Least share of the draws that their weights leave effective."""
 _TOUCHING_SHARE = 1e-6
-"""Of the field's level below which a gap is closed."""
+"""Share of the field's level below which a gap is closed."""
 
 _TOUCHING_PER_SHAPE = 1e-3
 """Error of a gap that is known to be closed, over the shape's deviation."""

@@ -90,7 +90,7 @@ class Inspection:
             raise outside_cloud(self.places_m[number], low_m, high_m, self._where(number))
 
     def moved(self, shift_m: Array) -> Inspection:
-        """The same in coordinates from which `shift_m` is taken away."""
+        """Inspection in coordinates from which `shift_m` is taken away."""
         return replace(self, touching_m=self.touching_m - shift_m, open_m=self.open_m - shift_m)
 
 

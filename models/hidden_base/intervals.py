@@ -11,12 +11,12 @@ from toppling.models.bearings import quadrant_of
 from toppling.models.frames import compass_deg
 
 FEW_DISTINCT = 10
-"""Of fewer different draws an interval says little."""
+"""Different draws below which an interval says little."""
 _LIFTS_EARLY = 0.1
 """Share of the toppling acceleration by which lift-off comes before it, so that both are told."""
 LOOK, PULL = "look", "pull"
 _GAIN = 0.9
-"""Of the present width: an observation that is expected to leave more narrows nothing."""
+"""Share of the present width: an observation that is expected to leave more narrows nothing."""
 _AS_IT_WAS = 0.05
 """Relative change of an interval's width that draws of other random numbers bring too."""
 

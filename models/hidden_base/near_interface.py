@@ -52,7 +52,7 @@ def near_the_interface(rock: Array, pedestal: Array, height_m: float) -> tuple[F
 LEVELS = 24
 """Over a rock's height, in which outlines are taken."""
 _LEAST_PATCHES = 3
-"""Of a level in a direction."""
+"""Fewest patches of a level in a direction."""
 _FITTED = 8
 """Lowest levels in which a side was seen, which tell its slope."""
 _STEEP = 0.5
@@ -127,11 +127,11 @@ DRAWN = 16
 _UNSEEN_DEG = 70.0
 """From so wide a range without any of the rim on: four feet at the corners of a block lie 60 degrees apart."""
 _SURMISED_DEG = 50.0
-"""The same from the middle of what was seen, from which such a range looks narrower."""
+"""Least such range as it looks from the middle of what was seen, from which it is narrower."""
 _LEAST_SHARE = 0.1
-"""Of the points of an average direction, in one in which the rim was seen."""
+"""Share of an average direction's points with which the rim was seen in a direction."""
 _LOWEST_SHARE = 0.2
-"""Of the points in a direction, the lowest, which tell how far the rim is there."""
+"""Share of a direction's points, the lowest, that tell how far the rim is there."""
 _LEAST_TURN_DEG, _MOST_TURN_DEG = 25.0, 88.0
 """Between the straight line and an outline at its ends: roughness shows normals that an outline does not have, and of a
 side seen from the front alone a half circle is left."""
@@ -140,13 +140,13 @@ _FULLEST = 2.5
 _SAMPLES, _DIRECTIONS = 65, 720
 """Places of an arc, and directions in which an outline's radius is kept."""
 _LED_SHARE = 0.5
-"""Of the directions in which the rim was not seen; in fewer, a side seen higher up is the limb of what was seen."""
+"""Share of the directions without a rim; in fewer, a side seen higher up is the limb of what was seen."""
 _HORIZONTAL = 0.3
 """Horizontal part of a normal below which it tells nothing of an outline."""
 _MOST_NORMALS, _NEIGHBOURS = 3000, 16
-"""Of a foot's points, and of points that a normal is of."""
+"""Most points of a foot whose normals are taken, and the neighbours of each."""
 SIDE_TANGENT = 3.0
-"""Of the side that rises from a drawn outline, over the pedestal."""
+"""Slope of the side that rises from a drawn outline, over the pedestal."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,7 +240,7 @@ class _Rim:
 
     @classmethod
     def about(cls, middle_m: Array, low: Array, led_down: Array | None) -> _Rim:
-        """Of points (n, 3) near the interface, and of places (m, 3) with their standard deviation elsewhere."""
+        """Rim by points (n, 3) near the interface, and by places (m, 3) with their standard deviation elsewhere."""
         sector, away_m = _rim_seen(low, middle_m)
         led = np.zeros((0, 3)) if led_down is None else led_down
         below, first = np.unique(sectors(led[:, :2] - middle_m), return_index=True)
@@ -255,7 +255,7 @@ class _Rim:
 
     @property
     def only_seen(self) -> _Rim:
-        """The same without what was not seen."""
+        """Rim without what was not seen."""
         seen = self.std_m == 0.0
         return _Rim(self.middle_m, self.sector[seen], self.away_m[seen], self.std_m[seen])
 

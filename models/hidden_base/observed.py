@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from itertools import product
 
-import contourpy
 import numpy as np
 from scipy import ndimage
 from scipy.spatial import ConvexHull, cKDTree
@@ -29,10 +28,10 @@ _RIM_CELLS = 8.0
 _RIM_WINDOW, _RIM_RISES_PER_CELL = 13, 0.8
 """The rim is what of it is as low as all within a window of cells, but for so much: a rim may rise along itself."""
 _STD_PER_SPACING, _STD_PER_SPACING_AT_CONTACT = 0.19, 0.29
-"""Of the gap below a steep side's lowest seen point, over the distance of that point's fourth neighbour; where the side
+"""Error of the gap below a steep side's lowest seen point, over the distance of its fourth neighbour; where the side
 may go down to the pedestal, it ends anywhere within a spacing."""
 _LEAST_STD_PER_SPACING = 0.02
-"""Of the gap below a level underside, which does not go on downward."""
+"""Error of the gap below a level underside, which does not go on downward."""
 _SPACING_OVER = 15
 """Places of the rim over which the points' spacing is taken."""
 _BESIDE_PER_HEIGHT, _BESIDE_PER_GAP = 0.01, 0.3
@@ -46,7 +45,7 @@ _STRAY, _LEAST_RIM = 0.6, 8
 """Spacings off the plane of its neighbours from which a place of the rim is a stray, mostly of the pedestal or between
 it and the rock; left out, where so many others remain."""
 UNSEEN_STD_SHARE = 0.3
-"""Of the height of a rim that was not seen to its end: spread of the gap below it about a half."""
+"""Spread of the gap below a rim that was not seen to its end about half of its height, over that height."""
 _FLATTEST_RAY = 0.07
 """Tangent over the pedestal of the flattest ray (4 degrees) that lights it below a rock."""
 _NEIGHBOURS, _OF_SIDE = 5, 6
@@ -62,22 +61,22 @@ _SHAPES_PER_WIDTH = (0.003, 0.012, 0.04)
 _LENGTHS_PER_WIDTH = (0.25, 0.7, 2.0)
 """... and over what length."""
 _LONG_PER_WIDTH = 0.5
-"""Of a longer correlation the base sees a part, so its deviation is raised in proportion."""
+"""Length above which the base sees a part of the correlation, so that its deviation is raised in proportion."""
 _ROUGH_PER_WIDTH, ROUGH_LENGTH_PER_WIDTH = (0.0005, 0.003, 0.01), 0.07
 _CURVATURE_PER_SHAPE = 8.0
 """Curvature of the whole base, times its width, over the shape's deviation."""
 LEVEL_PER_WIDTH = 0.1
 _OUTLINE_STD_PER_HEIGHT = 0.0015
-"""Of the gap along an outline of the contact."""
+"""Error of the gap along an outline of the contact."""
 _CLOSED_PER_HEIGHT = 1e-4
 """Least gap of what is known not to touch, however near it is."""
 _SHOWN_SHARE = 0.5
-"""Of what a rock's low parts enclose: where so much of the pedestal shows and nothing is hidden, they touch nowhere."""
+"""Share of what low parts enclose: where so much of the pedestal shows and nothing is hidden, they touch nowhere."""
 _NOT_UNDER_THE_ROCK = 0.05
 """Share of the height beyond which a place of an inspection, beside the hidden base or off the interface, is none of
 the base."""
 _LIT_IN_FRONT = 0.1
-"""The same for daylight beside it: one sees it in front of the crevice, where the rock's side has risen already."""
+"""Share of the height for daylight beside it, which shows in front of the crevice, where the side has risen already."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +141,7 @@ def hidden_part(
     _check_under_the_rock(inspection, interface, np.vstack([inner, rim.places_m]), height_m)
     inspection = _below_the_rock(inspection, interface, under)
     inspected = interface.over(inspection.places_m)[:, :2]
-    places = np.vstack([inner, rim.places_m, inspected, *_along_edge(under, interface, stride * cell)])
+    places = np.vstack([inner, rim.places_m, inspected])
     first = np.cumsum([len(inner), len(rim.gap_m), len(inspection.touching_m)])
     floor = np.zeros(len(places))
     least_gap = _least_gap(under).ravel()
@@ -204,17 +203,6 @@ def _no_base(under: Underside, low: Array, lit: Array) -> InputError:
         expected="the foot of the rock seen from several sides, all around what no laser sees",
         remedy="one side is not enough: scan the rock's foot from the other sides",
     )
-
-
-def _along_edge(under: Underside, interface: Interface, step_m: float) -> list[Array]:
-    """Places (k, 2) along the pedestal's edge below the hidden base: there the rock tips over it."""
-    if interface.edge is None:
-        return []
-    nodes, reach = under.grid.nodes_m, ndimage.binary_dilation(under.hidden, iterations=2)
-    outside = np.where(reach, interface.edge.outside_m(nodes), np.nan)
-    lines = contourpy.contour_generator(nodes[:, 0, 0], nodes[0, :, 1], outside.T).lines(0.0)
-    every = max(1, round(0.5 * step_m / under.grid.cell_m))
-    return [line[::every] for line in map(np.asarray, lines) if len(line) > 1]
 
 
 def _seen_rim(under: Underside, low: Array, lit: Array, height_m: float) -> Rim:
@@ -313,7 +301,7 @@ def _errors(rim: Array, hangs: Array, low: Array) -> tuple[Array, Array, Flags, 
 
 
 def _outlined(under: Underside, height_m: float) -> Rim:
-    """The same for the border of a contact that the user outlined: there the gap is closed."""
+    """Rim along the border of a contact that the user outlined: there the gap is closed."""
     assert under.outline is not None
     border = under.outline & ~ndimage.binary_erosion(under.outline)
     at = under.grid.nodes_m[border]
@@ -360,7 +348,7 @@ def _check_under_the_rock(
 
 
 def _below_the_rock(inspection: Inspection, interface: Interface, under: Underside) -> Inspection:
-    """The same at the base: a place in front of the crevice, as one sees it from outside, is its nearest cell."""
+    """Move places to the base: one in front of the crevice, as seen from outside, to its nearest cell."""
     cells = under.grid.nodes_m[under.hidden]
     cells_m = interface.scene(np.pad(cells, ((0, 0), (0, 1))) + interface.rise(cells))
 

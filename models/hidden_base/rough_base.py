@@ -23,13 +23,13 @@ from toppling.models.scene import Scene
 from toppling.models.statics import CONTACT_SHARE_OF_HEIGHT, at_rest, quasi_static_toppling_m_s2
 
 _WAVES = 96
-"""Of which the noise is made."""
+"""Number of waves of which the noise is made."""
 _SPREAD_OF_WAVENUMBERS = 0.3
 """Standard deviation of a wave's number over that of the wavelength asked for."""
 _FADES_OVER = 0.25
 """Share of the band, at its top, in which the noise fades to nothing."""
 _LEAST_SHARE_THAT_STANDS = 0.005
-"""Of the bases tried; below it the rock hardly ever stands."""
+"""Share of the bases tried; below it the rock hardly ever stands."""
 TOLERANCE_SHARE = 0.05
 """What contact points may leave out of a draw, of the noise's standard deviation."""
 

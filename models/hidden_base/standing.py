@@ -13,7 +13,6 @@ from toppling.models.arrays import Array, Indices
 from toppling.models.frames import STANDARD_GRAVITY_M_S2
 from toppling.models.ground.body import GroundedBody
 from toppling.models.hidden_base.draws import BaseDraw, UnseenBase
-from toppling.models.hidden_base.evidence import OTHER_ERRORS_SHARE
 from toppling.models.hidden_base.from_scan import (
     AZIMUTHS_DEG,
     LEVEL,
@@ -26,7 +25,7 @@ from toppling.models.hidden_base.gap import encloses
 from toppling.models.hidden_base.inspection import Inspection
 from toppling.models.hidden_base.next_look import observations
 from toppling.models.hidden_base.observed import check_on_interface, hidden_part
-from toppling.models.hidden_base.statics import FRICTION, carried, hooked_m_s2, on_plane
+from toppling.models.hidden_base.statics import FRICTION, on_plane
 from toppling.models.hidden_base.underside import LEAST_GAP_PER_HEIGHT, Base, Underside, hidden_base
 from toppling.models.kept import kept
 from toppling.models.pedestal import Pedestal
@@ -110,7 +109,6 @@ def _surface_of(interface: Interface) -> Pedestal:
 def nominal_draw(drawn: DrawnBases, unseen: UnseenBase, rock: Rock, interface: Interface) -> int | None:
     """Draw nearest to the draws' median on whose feet a rock with its own centre of mass rests; None if on none."""
     plane = Pedestal(interface.point_m, interface.normal)
-    rock = carried(rock, interface)
     for number in drawn.likeliest:
         standing = unseen.on_feet_of(rock, plane, number)
         if equilibrium_possible(standing, plane, STANDARD_GRAVITY_M_S2, FRICTION, np.zeros(3))[0]:
@@ -143,9 +141,6 @@ def base_unseen(
         {"place": int(k) + 1, "gap_m": float(seen_m[k])}
         for k in np.flatnonzero(seen_m > LEAST_GAP_PER_HEIGHT * observed.height_m)
     ]
-    hooked = hooked_m_s2(closed.rock, interface, AZIMUTHS_DEG) * (1.0 + 1.645 * OTHER_ERRORS_SHARE)
-    for row, most in zip(report["toppling"], hooked.tolist(), strict=True):
-        row["high_m_s2"] = max(row["high_m_s2"], most)
     outlined = observed.hint is not None and observed.hint.encloses
     if outlined or not inspection.says_nothing:
         report["without_inspection"] = unaided or _unaided(

@@ -1,4 +1,4 @@
-"""Statics of a rock on one drawn base: on the plane, on the surface carried below it, hooked to a cliff's face."""
+"""Statics of a rock on one drawn base: on the plane, on the surface carried below it."""
 
 from __future__ import annotations
 
@@ -82,8 +82,6 @@ def _outside_feet(rock: Rock, interface: Interface, part: HiddenPart, height_m: 
     if part.pedestal is not None and interface.sheet is None:
         high = interface.flat(feet_above_m(rock, part.pedestal, band_m))  # those that shakes take
     grid, side = part.under.grid, part.side_m
-    if interface.edge is not None:
-        side = side[interface.edge.carries(side)]
     unseen = flat[(flat[:, 2] < band_m) & ~part.under.hidden.ravel()[grid.index(flat)]]
     unseen = clearances(unseen, interface, part.pedestal)
     side = side[side[:, 2] < band_m]
@@ -107,27 +105,16 @@ def low_feet(part: HiddenPart, gap: GapDraw, side: Array, height_m: float) -> Ar
 
 def _hull_over(rock: Rock, interface: Interface) -> Array:
     """The rock's vertices (n, 3) that can touch: u, v and the height over the interface."""
-    if interface.edge is not None:
-        over = interface.over(rock.vertices_m)
-        over = over[interface.edge.carries(over)]
-    elif interface.is_plane:
+    if interface.is_plane:
         return interface.flat(rock.hull_vertices_m)
-    else:
-        over = interface.over(rock.vertices_m)
+    over = interface.over(rock.vertices_m)
     return over[ConvexHull(over).vertices]
-
-
-def carried(rock: Rock, interface: Interface) -> Rock:
-    """The rock with contact candidates where the pedestal is: what hangs beyond an edge of it touches nothing."""
-    if interface.edge is None or rock.feet_m is not None:
-        return rock
-    return dataclasses.replace(rock, feet_m=interface.scene(_hull_over(rock, interface)))
 
 
 def on_plane(rock: Rock, interface: Interface, azimuths_deg: Array) -> Array:
     """Quasi-static toppling accelerations (n,) of a rock on the interface plane, m/s2."""
     plane = Pedestal(interface.point_m, interface.normal)
-    found = quasi_static_toppling_m_s2(carried(rock, interface), plane, STANDARD_GRAVITY_M_S2, azimuths_deg)
+    found = quasi_static_toppling_m_s2(rock, plane, STANDARD_GRAVITY_M_S2, azimuths_deg)
     return np.array(found)[:, 1]
 
 
@@ -200,54 +187,3 @@ def mass_moved_m(part: HiddenPart, base: Base, gap_m: Array, rock: Rock, interfa
     com = interface.flat(rock.com_m[None])[0]
     arms = np.column_stack([places, 0.5 * (upper + lower)]) + interface.rise(places) - com
     return np.asarray(interface.axes @ -(taken[:, None] * arms).sum(axis=0) / rock.volume_m3)
-
-
-_BESIDE_PER_HEIGHT, _BELOW_PER_HEIGHT = 0.01, 0.02
-"""What hangs so near to the face, and so far below the seat, may rest against it."""
-_RESTING_PER_HEIGHT = 1e-3
-_MOST_PLACES = 40
-"""At the face and on the seat each: the loads that they bear are those of their outermost."""
-_MOST_GRAVITIES = 30.0
-_OVER_THE_EDGE = 0.5
-"""Cosine between the way in which a rock is pushed and that out of the face, above which it tips over the edge."""
-
-
-def hooked_m_s2(rock: Rock, interface: Interface, azimuths_deg: Array) -> Array:
-    """Largest ground accelerations (n,) that seat and cliff's face bear together, m/s2; 0 where nothing hooks it.
-
-    In the pose of the scan, by friction cones: the gap at the face, which nobody saw, is taken as closed. A rock that
-    tips over the edge meets the face after a turn by the gap over the depth to which it hangs.
-
-    rock: as it was closed.
-    azimuths_deg: (n,), of the ground's acceleration.
-    """
-    edge, held = interface.edge, np.zeros(len(azimuths_deg))
-    if edge is None:
-        return held
-    over, height = interface.over(rock.vertices_m), rock.height_m
-    outside = edge.outside_m(over)
-    at_face = (outside > 0.0) & (outside < _BESIDE_PER_HEIGHT * height)
-    face = _some(over[at_face & (over[:, 2] < -_BELOW_PER_HEIGHT * height)])
-    seat = _some(over[edge.carries(over) & (over[:, 2] < _RESTING_PER_HEIGHT * height)])
-    if not len(face) or not len(seat):
-        return held
-    com = interface.flat(rock.com_m[None])[0]
-    up = np.tile([0.0, 0.0, 1.0], (len(seat), 1))
-    outward = edge.outward(face)
-    columns = wrenches(np.vstack([seat, face]) - com, np.vstack([up, outward]), FRICTION)
-    gravity = np.array([0.0, 0.0, -STANDARD_GRAVITY_M_S2]) @ interface.axes
-    for row, azimuth in enumerate(azimuths_deg):
-        push = -horizontal_unit_vector(float(azimuth)) @ interface.axes
-        if push @ outward.mean(axis=0) < _OVER_THE_EDGE:
-            continue
-        far = farthest_load(columns, gravity, push, rock.half_diagonal_m)
-        held[row] = np.clip(far or 0.0, 0.0, _MOST_GRAVITIES * STANDARD_GRAVITY_M_S2)
-    return held
-
-
-def _some(places: Array) -> Array:
-    """At most so many of some places (n, 3), the outermost in directions all around and the deepest among them."""
-    turn = 2.0 * np.pi * np.arange(_MOST_PLACES // 2) / (_MOST_PLACES // 2)
-    level = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(len(turn))])
-    ways = np.vstack([level, 0.3 * level + [0.0, 0.0, -1.0]])
-    return places[np.unique((places @ ways.T).argmax(axis=0))] if len(places) else places

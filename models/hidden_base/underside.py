@@ -1,6 +1,6 @@
 """The rock's underside: seen at the rim, hidden within, touching only where the pedestal is hidden too."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import ndimage
@@ -10,18 +10,18 @@ from toppling.models.arrays import Array, Flags
 from toppling.models.hidden_base.near_interface import DRAWN, NearInterface, UnseenSide
 from toppling.models.scan.crevice import Grid, check_seen, smooth_sheet
 from toppling.models.scan.doubt import SECTORS, sectors
-from toppling.models.scan.interface import Edge, Interface
+from toppling.models.scan.interface import Interface
 from toppling.models.scan.interface_hint import InterfaceHint
 
 CELLS_PER_HEIGHT = 200
 _MOST_CELLS_ACROSS = 400
 """A base twice as wide as the rock is high and wider is laid out in so many: a sheet of a million takes a minute."""
 _RIM_CELLS = 5
-"""Of seen cells so near to each other, the lowest carries the hidden base; the others are the rock's side."""
+"""Cells within which the lowest seen one carries the hidden base; the others are the rock's side."""
 _RIM_SPREAD_PER_HEIGHT = 0.0003
 """Cells this little higher than the lowest are as low."""
 _TENSION = 0.05
-"""Of the hidden base's membrane over its plate's stiffness, cells: what keeps it from dipping below its rim."""
+"""Tension of the hidden base's membrane over its plate's stiffness, cells: it keeps it from dipping below its rim."""
 _CLOSING_CELLS = (12, 24, 48, 96)
 """Gaps in the seen rim, half as wide, that are bridged: the first that leave a base of some size."""
 _LEAST_BASE_SHARE = 0.3
@@ -39,10 +39,8 @@ _SIDE_PER_HEIGHT = 0.006
 """A side seen down to this height, with no pedestal seen behind it, stands on the pedestal."""
 LEAST_GAP_PER_HEIGHT = 0.003
 """Gap left where the pedestal was seen below the rock: a ray went through, from a rim that is higher."""
-_STRAYS = 0.02
-"""Share of the lowest places of what hangs that may be strays."""
 _LIT_ENDS_SHARE = 0.7
-"""Of the way to a rim that nobody saw: pedestal that was seen farther out lies beside the rock and not below it."""
+"""Share of the way to a rim that nobody saw: pedestal seen farther out lies beside the rock and not below it."""
 _PASSED_SHARE, _FEET_AROUND_SHARE, _PASSAGE_CELLS = 0.5, 0.5, 2
 """One sees through between feet where the pedestal shows below so much of what low parts enclose, and these stand in at
 most such a share of the directions around it; cells beside what shows."""
@@ -60,8 +58,6 @@ class Base:
     grid: Grid
     height_m: Array  # (shape): height over the plane, 0 where the rock rests on it
     hidden: Flags  # (shape): where the underside was not seen
-    below_m: Array | None = None  # of what hangs beyond the pedestal's edge, from below
-    unseen_below: Flags | None = None  # what is unseen of that
     side: UnseenSide | None = None  # over which the rim was not seen
     passage: Flags | None = None  # (shape): what of the hidden part one sees through, between feet
 
@@ -99,7 +95,7 @@ class Underside:
     ) -> "Underside":
         """Underside from what was seen near the interface, on cells of its lattice if any.
 
-        What hangs beyond its edge is no underside. Raises InputError if next to nothing of the rock shows near it.
+        Raises InputError if next to nothing of the rock shows near it.
         """
         low, lit, height_m = near.low, near.lit, near.height_m
         check_seen(len(low), "rock", given=hint is not None)
@@ -116,19 +112,15 @@ class Underside:
         grid = Grid.over(first, last, cell)
         seen_height, seen = _lowest(grid, low)
         hidden = _within_rim(seen)
-        seat = np.ones(grid.shape, bool)
-        if interface is not None and interface.edge is not None:
-            seat = interface.edge.outside_m(grid.nodes_m) < 0.0
-            seen, hidden = seen & seat, _largest(hidden & seat)
         widest, shown = None, depth_of_holes(grid, lit) == 0.0
         if side is not None:
             ends = side.in_range(grid.nodes_m) & (side.share_out(grid.nodes_m) > _LIT_ENDS_SHARE)
-            hidden, widest = _gone_on(grid, side, hidden, seat & ~seen & ~(shown & ends))
-        feet = seat & _feet(grid, seen, shown)
+            hidden, widest = _gone_on(grid, side, hidden, ~seen & ~(shown & ends))
+        feet = _feet(grid, seen, shown)
         passed = bool(hidden.any() and (hidden & shown).sum() >= _PASSED_SHARE * hidden.sum())
         if on_feet := _stands_on_feet(grid, seen, hidden, feet, passed):
             hidden = hidden | feet
-        outline = hint.inside(grid.nodes_m) & seat if hint is not None and hint.encloses else None
+        outline = hint.inside(grid.nodes_m) if hint is not None and hint.encloses else None
         if outline is not None:
             seen, hidden = seen & ~outline, hidden | outline
         # Points at the border may be the pedestal beside the rock.
@@ -172,7 +164,7 @@ def hidden_base(
     hint : InterfaceHint, optional
         If it is a contact outline, the rock rests inside it and nowhere else.
     interface : Interface, optional
-        On the nodes of whose surface cells lie, and at whose edge the base ends.
+        On the nodes of whose surface cells lie.
 
     Raises
     ------
@@ -190,29 +182,7 @@ def hidden_base(
     to_the_side = ndimage.binary_dilation(low_side, iterations=3)
     sheet = np.where(rests & (to_the_side if outline is None else outline), 0.0, sheet)
     sheet = np.where(hidden & ~rests, np.maximum(sheet, LEAST_GAP_PER_HEIGHT * height_m), sheet)
-    base = under.closed_by(sheet, height_m)
-    if interface is None or interface.edge is None:
-        return base
-    return _with_hanging(base, sheet, near.low, interface.edge, height_m)
-
-
-def _with_hanging(base: Base, sheet_m: Array, low: Array, edge: Edge, height_m: float) -> Base:
-    """A base that goes on to the edge, beyond which a part of the rock hangs, closed no lower than was seen."""
-    height, seen = _lowest(base.grid, low)
-    beyond = edge.outside_m(base.grid.nodes_m) > 0.0
-    unseen, seen = _within_rim(seen) & beyond, seen & beyond
-    carries = _lowest_of_rim(height, seen, height_m)
-    below, side = (
-        smooth_sheet(base.grid, np.where(known, height, 0.0), np.where(known, 3.0, 0.0), tension=_TENSION)
-        for known in (carries, seen)
-    )
-    away = 0.002 * height_m * np.maximum(ndimage.distance_transform_edt(~unseen) - 1.0, 0.0)
-    lowest = float(np.quantile(height[carries], _STRAYS)) if carries.any() else 0.0
-    below = np.maximum(np.where(unseen, below, side - away), lowest)  # a plate bends below its rim
-    to_edge = np.where(sheet_m < _RESTING_PER_HEIGHT * height_m, 0.0, sheet_m)
-    return replace(
-        base, height_m=np.where(unseen, to_edge, base.height_m), below_m=below, unseen_below=unseen
-    )
+    return under.closed_by(sheet, height_m)
 
 
 def _within_rim(seen: Flags) -> Flags:

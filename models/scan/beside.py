@@ -44,7 +44,7 @@ _STRAYS = 0.005
 """Share of the rock's patches that may hang between it and what is beside, and tell no distance."""
 _POISSON_DEPTH = 6
 _NEAR_VOXELS = 2.5
-"""Of the reconstructed surface so much about the patches was seen; holes in it are closed."""
+"""Distance from the patches, in voxels, within which the reconstructed surface was seen; holes in it are closed."""
 _ERROR_PER_HEIGHT = 0.002
 """Triangles are joined while the surface moves by less: what is flat becomes a few."""
 _WITHIN, _CORNERS = 0.99, 5.0

@@ -50,7 +50,7 @@ _ALIKE = 0.97
 _LEAST_OF_A_PLANE, _FLAT_VOXELS = 80, 1.0
 """Patches of a plane that carries something, and their distance from it, root mean square, in their width."""
 _LOW_VOXELS, _BESIDE_VOXELS, _ABOVE_VOXELS, _SURROUNDED = 6.0, 6.0, 2.0, 0.6
-"""Of what a plane carries: heights of its foot and of what is off the plane, distance in which the plane shows beside
+"""Thresholds for things on a plane: heights of the foot and of what is off the plane, distance in which it shows beside
 its foot, and the share of the directions in which it does."""
 JOINED_SPACINGS, _NEIGHBOURS = 1.8, 12
 """Patches of a rock so near, over the distance to the fourth neighbour, hang together; of so many that are nearest."""

@@ -17,11 +17,11 @@ from toppling.models.scan.surfels import Surfels
 _RING_PER_HEIGHT = 0.12
 """Patches of the pedestal so near the rock tell how its surface goes on below."""
 _NARROW_PER_HEIGHT = 0.05
-"""The same where the surface bends: what lies farther off may bend otherwise."""
+"""Distance of patches that tell a bent surface: what lies farther off may bend otherwise."""
 _UPWARD = 0.3
 """Cosine to the vertical above which a patch can carry a rock."""
 _LEAST_PATCHES, _LEAST_RIM = 60, 12
-"""Of the ring, and of the rock's rim: four small feet show few."""
+"""Fewest patches of the ring, and of the rock's rim: four small feet show few."""
 _OFF_PER_HEIGHT, _ALIKE_DEG = 0.01, 2.0
 """A surface so near to one plane below the rock, with normals so alike, is that plane, as for contacts (`ground.plane`)
 ..."""
@@ -32,11 +32,11 @@ _LEAST_BEND_DEG = 3.0
 _FACET_PER_HEIGHT = 0.004
 """Patches so near a facet's plane are its own."""
 _FACET_DEG = 12.0
-"""The same for their normals."""
+"""Angle of patches' normals to a facet's below which they are its own."""
 _LEAST_SHARE = 0.1
-"""Of the ring that a facet takes up."""
+"""Least share of the ring that a facet takes up."""
 _EXPLAINED = 0.85
-"""Of the ring, facets that together take up less are none."""
+"""Facets that together take up less of the ring are none."""
 _MOST_OF_MEDIAN = 12.0
 """Area that a patch counts for, over the median's: where points are few, each patch stands for more."""
 _MOST_FACETS = 3
@@ -189,7 +189,7 @@ def faceted(flat: Array, normals: Array, height_m: float) -> Sheet | None:
 
 
 def _refitted(sheet: Sheet, flat: Array) -> Sheet:
-    """The same with each facet fitted to the patches that are its own, and lie in it but for their noise."""
+    """Fit each facet anew to the patches that are its own, and lie in it but for their noise."""
     for _ in range(3):
         each = np.array([_heights(plane, flat) for plane in sheet.planes]) - flat[:, 2]
         own, off = np.abs(each).argmin(axis=0), np.abs(sheet.at(flat) - flat[:, 2])

@@ -21,7 +21,7 @@ _NEAR_HEIGHTS = 1.5
 _JOINED_VOXELS = 3.0
 """Patches so near to each other are neighbours."""
 _CIRCLES, _FEWEST_AROUND = (0.2, 0.08, 0.032, 0.0128), 5000
-"""Of the cloud's extent, about a place that is named; with fewer points one shows no rock."""
+"""Radii about a named place, over the cloud's extent; with fewer points a circle shows no rock."""
 
 
 def choose(candidates: list[Candidate], near_m: Array | None, origin_m: Array, coarse: Surfels) -> Candidate:
@@ -140,7 +140,7 @@ and this share of the cloud's extent."""
 
 
 def with_reason(error: InputError, points_m: Array) -> InputError:
-    """The same refusal of a cloud (n, 3) with what of its points may be the reason, and what would do."""
+    """Refusal of a cloud (n, 3) with what of its points may be the reason, and the remedy."""
     if (of_plane := _without_relief(points_m)) is not None:
         return of_plane
     patches = surfels_of(points_m)

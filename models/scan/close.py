@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import pairwise
 
-import contourpy
 import manifold3d
 import numpy as np
 import open3d as o3d
@@ -24,7 +23,7 @@ from toppling.models.hidden_base.underside import Base
 from toppling.models.joined import joined_parts
 from toppling.models.rock import Rock
 from toppling.models.scan.crevice import grid_triangles
-from toppling.models.scan.interface import Edge, Interface, Sheet
+from toppling.models.scan.interface import Interface, Sheet
 from toppling.models.scan.surfels import LEVEL, Surfels
 
 _LEAST_PATCHES = 40
@@ -92,7 +91,7 @@ _EDGE_VOXELS = 0.5
 _SIMPLIFIED_SHARE_OF_HEIGHT = 0.0015
 """Triangles are joined where the surface moves by less than this: noise, not shape."""
 _BASE_SHARE_OF_HEIGHT = 0.0003
-"""The same for the base, whose shape decides how the rock rolls."""
+"""Largest movement of the base's surface, whose shape decides how the rock rolls."""
 _APART_SHARE_OF_HEIGHT = 1e-6
 """How far sheets that touch each other are drawn apart."""
 
@@ -120,16 +119,11 @@ def close_rock(surfels: Surfels, rock: Flags, base: Base, interface: Interface) 
     """
     flat, flat_normals = interface.flat(surfels.points_m[rock]), surfels.normals[rock] @ interface.axes
     above = interface.over(surfels.points_m[rock])[:, 2] > 0.0
-    if interface.edge is not None:
-        above |= interface.edge.outside_m(flat) > 0.0
     above &= _together(flat, 3.0 * surfels.voxel_m)
     flat, flat_normals = flat[above], flat_normals[above]
     closes = base.hidden if base.passage is None else base.hidden & ~base.passage
     within = base.grid.nodes_m[closes]
     sunk = np.column_stack([within, base.height_m[closes] - surfels.voxel_m]) + interface.rise(within)
-    if base.below_m is not None and base.unseen_below is not None:
-        hangs = np.dstack([base.grid.nodes_m, base.below_m - surfels.voxel_m])[base.unseen_below]
-        sunk = np.vstack([sunk, hangs])
     down = np.tile([0.0, 0.0, -1.0], (len(sunk), 1))
     height = float(np.ptp(flat[:, 2]))
     unseen, outward = np.zeros((0, 3)), np.zeros((0, 3))
@@ -140,10 +134,7 @@ def close_rock(surfels: Surfels, rock: Flags, base: Base, interface: Interface) 
     edges = flat + _EDGE_VOXELS * surfels.voxel_m * flat_normals
     body ^= about_hull(np.vstack([edges, sunk, unseen]), interface.axes[2])
     if interface.sheet is None:
-        room = _above(base, flat, height)
-        if interface.edge is not None:
-            room += _beyond(base, interface.edge, flat, height)
-        parts = (body ^ room).simplify(_BASE_SHARE_OF_HEIGHT * height).decompose()
+        parts = (body ^ _above(base, flat, height)).simplify(_BASE_SHARE_OF_HEIGHT * height).decompose()
     else:  # the base keeps the lattice's nodes: draws move them
         parts = (body ^ _above_surface(base, flat, height, interface.sheet)).decompose()
     if not parts:
@@ -208,7 +199,7 @@ def _above(base: Base, flat: Array, height_m: float) -> manifold3d.Manifold:
 
 
 def _above_surface(base: Base, flat: Array, height_m: float, sheet: Sheet) -> manifold3d.Manifold:
-    """The same over a surface: its floor the base at the lattice's nodes; beyond it, what was seen closes the body."""
+    """Body above a base over a surface, its floor at the lattice's nodes; beyond it what was seen closes it."""
     stride = round(sheet.lattice_m / base.grid.cell_m)
     nodes = base.grid.nodes_m[::stride, ::stride]
     floor = base.height_m[::stride, ::stride] + sheet.at(nodes)
@@ -221,29 +212,6 @@ def _above_surface(base: Base, flat: Array, height_m: float, sheet: Sheet) -> ma
     )
     across, along = np.meshgrid(u, v, indexing="ij")
     return body_over(across, along, np.pad(floor, 2, constant_values=low), high)
-
-
-def _beyond(base: Base, edge: Edge, flat: Array, height_m: float) -> manifold3d.Manifold:
-    """Everything beyond the pedestal's edge and above what hangs there, as a body."""
-    assert base.below_m is not None
-    nodes, reach, low = base.grid.nodes_m, 2.0 * height_m, float(flat[:, 2].min()) - height_m
-    u, v = (
-        np.concatenate([[each[0] - reach], each, [each[-1] + reach]])
-        for each in (nodes[:, 0, 0], nodes[0, :, 1])
-    )
-    across, along = np.meshgrid(u, v, indexing="ij")
-    above = body_over(across, along, np.pad(base.below_m, 1, constant_values=low), reach)
-    outside = edge.outside_m(np.stack([across, along], axis=-1))
-    filled = contourpy.contour_generator(u, v, outside.T, fill_type="OuterOffset").filled(
-        edge.clear_m, np.inf
-    )
-    rings = [
-        np.asarray(part)[first : last - 1]
-        for part, ends in zip(filled[0], filled[1], strict=True)
-        for first, last in pairwise(np.asarray(ends).tolist())
-    ]
-    section = manifold3d.CrossSection(rings, manifold3d.FillRule.EvenOdd)
-    return above ^ section.extrude(reach - low).translate([0.0, 0.0, low])
 
 
 def body_over(u: Array, v: Array, floor: Array, top_m: float) -> manifold3d.Manifold:

@@ -113,11 +113,10 @@ def judge_crevice(
     height_m: float,
     *,
     given: bool = False,
-    sure: Flags | None = None,
 ) -> NDArray[np.int8]:
     """Judge the labels near the interface anew, by the pedestal's sheet.
 
-    What is called rock stays rock where that is `sure` (n,). Where a belly hides the rock's foot, or the pedestal
+    Where a belly hides the rock's foot, or the pedestal
     beside it, no crevice was seen and nothing is judged.
 
     Raises InputError if next to nothing of the rock or of the pedestal shows near the interface.
@@ -131,8 +130,6 @@ def judge_crevice(
     around = inside_box(points_m, lowest - margin, highest + margin)
     near, near_label = points_m[around], label[around]
     judged = _relabelled(near, near_label, interface, height_m, given=given)
-    if sure is not None:
-        judged[sure[around] & (near_label == ROCK)] = ROCK
     label = label.copy()
     label[around] = judged
     return label

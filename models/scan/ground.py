@@ -11,13 +11,12 @@ from scipy.sparse.linalg import spsolve
 from scipy.spatial import ConvexHull, cKDTree
 
 from toppling.models.arrays import Array, Flags, Indices
-from toppling.models.hidden_base.statics import carried
 from toppling.models.pedestal import Pedestal
 from toppling.models.relief import height_below
 from toppling.models.rock import Rock
 from toppling.models.scan.beside import Beside, few_triangles, is_ground
 from toppling.models.scan.crevice import Grid, grid_laplacian, grid_triangles
-from toppling.models.scan.interface import Interface, up_to_edge
+from toppling.models.scan.interface import Interface
 from toppling.models.scan.surfels import Surfels
 from toppling.models.statics import CONTACT_SHARE_OF_HEIGHT, support_polygon_m
 
@@ -25,8 +24,6 @@ _REACH_HEIGHTS = 0.6
 """How far beyond the rock's outline the pedestal is kept, in rock heights: a rock whose centre of mass
 has left its support by half its height is falling, whatever it meets."""
 _CELLS_PER_HEIGHT = 60
-_NEAR_EDGE_NODES = 4
-"""So many nodes around the rock's outline the pedestal ends at the edge from which a part of the rock hangs."""
 _LEVEL_PER_HEIGHT = 0.003
 """What is no farther from the interface is level, where the ground is met as a surface."""
 
@@ -48,7 +45,7 @@ class Ground:
     beside: str | None = None
 
     def with_beside(self, stands: Beside, interface: Interface, height_m: float) -> "Ground":
-        """The same with what stands beside the rock, and as few triangles as the relief around the rock needs."""
+        """Add what stands beside the rock, in as few triangles as the relief around the rock needs."""
         own = self.pedestal
         assert own.vertices_m is not None
         assert own.faces is not None
@@ -87,12 +84,7 @@ def pedestal_ground(surfels: Surfels, pedestal: Flags, rock: Rock, interface: In
     # Strays between rock and pedestal, and grass, make spikes, over which the rock would roll too late.
     near = cKDTree(flat[top, :2]).query(flat[top, :2], min(_MEDIAN_OF, int(top.sum())))[1]
     flat[top, 2] = np.median(flat[top, 2][near], axis=1)
-    if interface.edge is not None:
-        top &= interface.edge.outside_m(flat) < 0.0
-        flat_rock = np.maximum(flat_rock, [-np.inf, -np.inf, 0.0])  # what hangs keeps no ground down
     standing = _inside(nodes, outline if interface.sheet is None else interface.sheet.ring_m)
-    if interface.edge is not None:
-        standing &= interface.edge.outside_m(nodes) < 0.0
     # Every cell that the outline crosses is there and lies in the plane, so that the whole base rests on it.
     lost = _lost(flat, top, nodes, cell, ndimage.binary_dilation(standing, np.ones((3, 3))))
     seat = ndimage.binary_dilation(standing, np.ones((3, 3)), iterations=2)
@@ -101,12 +93,6 @@ def pedestal_ground(surfels: Surfels, pedestal: Flags, rock: Rock, interface: In
     if interface.sheet is not None:
         surface = surface + interface.sheet.at(nodes)
     vertices, faces = _triangles(nodes, surface, ~lost)
-    if interface.edge is not None:
-        near = ndimage.binary_dilation(_inside(nodes, _hull(flat_rock[:, :2])), iterations=_NEAR_EDGE_NODES)
-        outside = np.where(near, interface.edge.outside_m(nodes), np.where(lost, 0.5, -0.5) * cell)
-        vertices = np.column_stack([nodes.reshape(-1, 2), surface.ravel()])
-        vertices, faces = up_to_edge(vertices, grid_triangles(lost.shape), outside.ravel())
-        lost = outside > 0.0
     edges = _edges(grid, surface, lost)
     return Ground(
         Pedestal(interface.point_m, interface.normal, interface.scene(vertices), faces),
@@ -118,7 +104,7 @@ def pedestal_ground(surfels: Surfels, pedestal: Flags, rock: Rock, interface: In
 def _outline_m(rock: Rock, interface: Interface, height_m: float) -> Array:
     """Convex outline (k, 3) of where the rock rests, counter-clockwise."""
     if interface.sheet is None:
-        return support_polygon_m(carried(rock, interface), Pedestal(interface.point_m, interface.normal))
+        return support_polygon_m(rock, Pedestal(interface.point_m, interface.normal))
     resting = interface.over(rock.vertices_m)[:, 2] < CONTACT_SHARE_OF_HEIGHT * height_m
     places = interface.flat(rock.vertices_m[resting])[:, :2]
     corners = _hull(places)

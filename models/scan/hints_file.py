@@ -12,7 +12,7 @@ from toppling.models.spelling import did_you_mean
 
 HINTS = "hints.toml"
 FLAT, ROUGH, ROUNDED = KINDS = ("flat", "rough", "rounded")
-"""Of bases: dressed or split, rough, and rounded toward their outline."""
+"""Kinds of bases: dressed or split, rough, and rounded toward their outline."""
 Place = Sequence[float]
 
 
@@ -29,7 +29,7 @@ class ReadingHints(TypedDict, total=False):
 
 
 class CloudHints(ReadingHints, total=False):
-    """The same with rock and interface, survey coordinates, metres and degrees. Another word needs a new scan."""
+    """Hints on files, rock and interface, survey coordinates, metres and degrees. Another one needs a new scan."""
 
     near: tuple[float, float] | None
     plane: tuple[float, ...] | None
@@ -38,7 +38,7 @@ class CloudHints(ReadingHints, total=False):
 
 
 class Hints(CloudHints, total=False):
-    """The same with what a user knows of the base."""
+    """Hints on files, rock, interface and the base."""
 
     touch: Sequence[Place]
     daylight: Sequence[Place]
@@ -58,7 +58,7 @@ RIVALS = (
     ("units", "length", "gcp"),
     ("up", "gcp"),
 )
-"""Of each of these, one is said."""
+"""Options of which one excludes the others."""
 
 
 def outside_cloud(

@@ -107,7 +107,7 @@ class InterfaceHint:
         return cls.points(points, "outline")
 
     def moved(self, shift_m: Array) -> "InterfaceHint":
-        """The same hint in coordinates from which `shift_m` is taken away."""
+        """Hint in coordinates from which `shift_m` is taken away."""
         plane = replace(self.interface, point_m=self.interface.point_m - shift_m)
         return replace(self, interface=plane, anchors_m=self.anchors_m - shift_m)
 
@@ -158,11 +158,11 @@ def check_near(hint: InterfaceHint, bounds_m: Array) -> None:
 
 
 OFF_PER_HEIGHT = 0.015
-"""Of the rock's height: what a measured interface may lie off what was seen."""
+"""Largest distance of a measured interface from what was seen, over the rock's height."""
 _AGREES_PER_HEIGHT = 0.002
-"""Of the rock's height: what a place that was pointed at may lie off what was seen and still agree with it."""
+"""Distance from what was seen within which a picked place agrees with it, over the rock's height."""
 _POINTED_PER_HEIGHT = 0.05
-"""Of the rock's height: what places that were pointed at may be off in the mean; farther away another pedestal was
+"""Largest mean distance of picked places, over the rock's height; farther away another pedestal was
 meant. One of them may be off by twice as much."""
 _PLANE_PER_OFF = 1.0 / 3.0
 """Roughness of a pedestal over how far places lie off it, below which the places are off and not its plane."""

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from toppling.models.arrays import Array, Flags
+from toppling.models.errors import InputError
 from toppling.models.hidden_base.near_interface import NearInterface, SidesSeen
 from toppling.models.rock import Rock
 from toppling.models.scan.doubt import middle
@@ -18,6 +19,8 @@ from toppling.models.scene import Scene
 AZIMUTHS_DEG = np.arange(0.0, 360.0, 10.0)
 _SUPPORT_PER_HEIGHT = 0.02
 """What lies so near to the interface could touch it."""
+_BELOW_PER_HEIGHT, _BELOW_SHARE = 0.03, 0.002
+"""More than this share of the rock's patches so far below the interface are a part of it, not strays."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,12 +54,28 @@ class ObservedRock:
         return NearInterface(low, lit, self.height_m, sides.led_down(0.0), patches)
 
 
+def check_above(observed: ObservedRock, interface: Interface) -> None:
+    """Refuse a rock of which more than strays was seen below its interface: raises InputError."""
+    over = interface.over(observed.surfels.points_m[observed.patches])
+    below = over[:, 2] < -_BELOW_PER_HEIGHT * observed.height_m
+    if below.mean() <= _BELOW_SHARE:
+        return
+    # A tenth of them may be strays.
+    deepest = -float(np.quantile(over[below, 2], 0.1))
+    raise InputError(
+        "rock.hangs_below_interface",
+        f"{below.mean():.1%} of the rock's seen surface hangs below the interface, by up to about {deepest:.2g} m",
+        where="interface",
+        expected="a rock above the plane on which it meets its pedestal",
+        remedy="one that is sunk in the ground, or hooked to a cliff, is held by it and is not supported; if what "
+        "hangs there is pedestal, crop the cloud, or say where rock and pedestal meet by --plane, --point or --outline",
+    )
+
+
 def outside_support_m(rock: Rock, interface: Interface) -> float:
     """How far the vertical through the centre of mass passes outside all that could touch the interface."""
     over = interface.over(rock.vertices_m)
     low = over[:, 2] < _SUPPORT_PER_HEIGHT * rock.height_m
-    if interface.edge is not None:
-        low &= interface.edge.carries(over)
     places = interface.flat(rock.vertices_m)[low, :2]
     if interface.sheet is not None:  # where plumb lines through them pierce the plane, as that of the weight
         places = interface.projected_m(rock.vertices_m[low])

@@ -24,7 +24,7 @@ _WIDEST, _NARROWEST = 200.0, 0.3
 _SITE_M = (0.5, 100.0)
 """Extents of a rock with its ground, by which units are guessed."""
 _OPEN_SHARE = 0.05
-"""Of its area: with less left over, a mesh is closed and does not show by its opening where up is."""
+"""Share of a mesh's area: with less left over it is closed, and no opening shows where up is."""
 _TILTED_DEG, _NEAR_AXIS_DEG = 45.0, 25.0
 """An open surface faces up in the mean: farther from z than this, z is not up; nearer to an axis, that axis is."""
 _TURNED_OVER = 0.5
@@ -184,9 +184,9 @@ def outward(vertices: Array, faces: Indices) -> Array:
 
 Mesh = tuple[Array, Indices]
 _LIFT = 2e-5
-"""Of the model's extent: how far above its surface a point looks about. Surfaces nearer to each other touch."""
+"""Height above its surface from which a point looks about, over the model's extent. Nearer surfaces touch."""
 _ROOM = 0.02
-"""Of the model's extent: so much room before the next surface, and a camera may have been there."""
+"""Free distance before the next surface, over the model's extent, from which a camera may have been there."""
 _DIRECTIONS = 48
 _GRAZING = 0.05
 _LOWEST = 0.08

@@ -18,7 +18,7 @@ from toppling.models.frames import rotation_between
 _ONE_LINE = 0.02
 """Points whose spread across is less than this share of that along lie on one line, about which the model can turn."""
 _LARGEST_SHARE = 0.02
-"""Of the points' extent: residuals above it are mistakes and no scatter."""
+"""Residuals above this share of the points' extent are mistakes and no scatter."""
 _SIGNIFICANT = 1e-4
 """Chance that scatter alone makes one of the points stand out as a mistake."""
 

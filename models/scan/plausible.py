@@ -55,7 +55,7 @@ def _grid_axes(points: Array, steps: Array) -> list[int]:
 
 
 def steps_of_mesh(vertices: Array, faces: Indices) -> Array:
-    """The same (3,) for the vertices (n, 3) of triangles (m, 3): a mesh whose edges are a step wide was drawn so."""
+    """Steps (3,) of the vertices (n, 3) of triangles (m, 3); a mesh whose edges are a step wide was drawn so."""
     steps = coordinate_steps(vertices)
     edges = np.abs(vertices[faces] - vertices[np.roll(faces, 1, axis=1)]).reshape(-1, 3)
     for axis in np.flatnonzero(steps):

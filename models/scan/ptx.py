@@ -45,7 +45,7 @@ def in_survey(scans: Iterable[tuple[Array, Pose]]) -> tuple[Array, NDArray[np.in
 
 
 _LEAST_BYTES = 7
-"""Of a point's line: 0 0 0 0."""
+"""Line of a beam without a return."""
 _UNIT_ROTATION = 1e-3
 """How far from a rotation the part of a pose may be that turns: writers round."""
 

@@ -73,13 +73,13 @@ class Source:
     placed_by: str = ""  # what its coordinates were scaled, turned or shifted by; may be empty
 
     def with_less(self, copies: int) -> "Source":
-        """The same without points that are copies of others, which are told."""
+        """Source with fewer points, the copies of others, which are stated."""
         told = [self.note, f"{copies} points are copies of others and were left out" if copies else ""]
         note = "; ".join(filter(None, told))
         return replace(self, points=self.points - copies, left_out=self.left_out + copies, note=note)
 
     def to_json(self) -> dict[str, Any]:
-        """The same for `scene.json`, without what is empty."""
+        """Entries for `scene.json`, without what is empty."""
         content: dict[str, Any] = {"name": self.name, "points": self.points, "step_m": self.step_m}
         if self.left_out:
             content["points_left_out"] = self.left_out

@@ -23,7 +23,7 @@ _TOLERATED = 0.4
 """Share of copies below which they stay: coordinates in steps as wide as the points' spacing make a fifth of the points
 copies, and patches of a surface are judged by how many points they have."""
 _SAMPLED, _ENOUGH = np.uint64(32), 20_000
-"""Of so many keys one tells the share of copies, where there are enough: sorting all takes seconds."""
+"""One key in so many tells the share of copies, where there are enough: sorting all takes seconds."""
 _AT_ONCE = 1_000_000
 _MIXERS = (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB)
 """Odd factors that spread the bits of a coordinate (Steele, Lea and Flood 2014)."""

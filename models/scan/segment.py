@@ -204,7 +204,7 @@ def _clutter(points_m: Array, coarse: Surfels, rock_m: Array, fine_m: float) -> 
 
 
 def cut_over(points_m: Array, parts: Segmentation, interface: Interface) -> Segmentation:
-    """The same with what stands over a surface that is carried under the rock: narrow feet come off at their tops."""
+    """Add to the rock what stands over the pedestal's surface below it: narrow feet come off at their tops."""
     surfels, rock = parts.surfels, parts.surfel_label == ROCK
     over, clear = interface.over(surfels.points_m), _OVER_VOXELS * surfels.voxel_m
     outline = ConvexHull(over[rock, :2]).equations
@@ -220,7 +220,7 @@ def cut_over(points_m: Array, parts: Segmentation, interface: Interface) -> Segm
 def without_ground(
     points_m: Array, parts: Segmentation, interface: Interface, height_m: float
 ) -> Segmentation:
-    """The same without what lies low and level with nothing of the rock over it: that is the ground beside it."""
+    """Take from the rock what lies low and level with nothing of it above: that is the ground beside it."""
     surfels, rock = parts.surfels, parts.surfel_label == ROCK
     over = interface.over(surfels.points_m)
     band_m = _GROUND_PER_HEIGHT * height_m
@@ -236,7 +236,7 @@ def without_ground(
 
 
 def _relabelled(points_m: Array, parts: Segmentation, patches: Flags, to: int) -> Segmentation:
-    """The same with another label of some patches (k,) and of the points that are theirs."""
+    """Change the label of some patches (k,) and of their points."""
     if not patches.any():
         return parts
     surfels = parts.surfels

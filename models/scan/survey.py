@@ -1,5 +1,6 @@
 """From clouds to a scene: the whole way of `toppling scan`."""
 
+import json
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -28,12 +29,11 @@ from toppling.models.scan.choice import with_reason
 from toppling.models.scan.close import SHARES, ClosedRock, close_rock
 from toppling.models.scan.crevice import check_seen, judge_crevice
 from toppling.models.scan.ground import Ground, kept_of, pedestal_ground
-from toppling.models.scan.hanging import beside_hanging, check_above, hanging, seat_of, strays_at_edge
 from toppling.models.scan.hints_file import outside_cloud
 from toppling.models.scan.interface import Interface, fit_interface
 from toppling.models.scan.interface_hint import InterfaceHint, check_near, points_told, seen_about_points
 from toppling.models.scan.invented import spread_of
-from toppling.models.scan.measure import ObservedRock
+from toppling.models.scan.measure import ObservedRock, check_above
 from toppling.models.scan.meshes import Mesh
 from toppling.models.scan.parts import as_labelled
 from toppling.models.scan.plausible import step_note
@@ -56,6 +56,7 @@ from toppling.models.scene import Scene
 Progress = Callable[[str], None]
 
 STAGES = 6
+OUTLINES = "contacts.geojson"
 _UPWARD = 0.3
 """Cosine to a given interface's normal above which a patch of the pedestal can carry a rock."""
 _BESIDE_PER_HEIGHT, _UNDERSIDE_PER_HEIGHT = 0.1, 0.25
@@ -218,25 +219,14 @@ def _classified(cloud: Cloud, parts: Segmentation, hint: InterfaceHint | None) -
     if cloud.label is None:
         parts = without_ground(cloud.points_m, parts, interface, height)
         rock = parts.surfel_label == ROCK
-    fitted = hint is None and interface.sheet is None
-    seat = seat_of(surfels, rock, height, interface) if fitted else interface
-    hangs = hanging(surfels, rock, height, seat)
-    interface = interface if hangs is None else seat
-    sure = None if hangs is None else beside_hanging(cloud.points_m, surfels, hangs[0], height)
     if cloud.label is None:
-        label = judge_crevice(
-            cloud.points_m, parts.label, interface, height, given=hint is not None, sure=sure
-        )
+        label = judge_crevice(cloud.points_m, parts.label, interface, height, given=hint is not None)
         parts = replace(parts, label=label, surfel_label=label_surfels(surfels, cloud.points_m, label))
         parts = without_ground(cloud.points_m, parts, interface, height)
     label, surfel_label = parts.label, parts.surfel_label
     rock, pedestal = surfel_label == ROCK, surfel_label == PEDESTAL
-    if hangs is not None and (hangs := hanging(surfels, rock, height, interface)) is not None:
-        interface = hangs[1]
-    beside = np.zeros(len(rock), bool)
-    if interface.edge is None:
-        beside = stands_beside(surfels, rock, pedestal, interface, height)
-    if interface.is_bare and beside.any():
+    beside = stands_beside(surfels, rock, pedestal, interface, height)
+    if interface.sheet is None and beside.any():
         interface = level_surface(surfels, rock, height, interface)
     if hint is not None:
         top = pedestal & (surfels.normals @ interface.normal > _UPWARD)
@@ -254,8 +244,6 @@ def _near_interface(
     """Rock's and pedestal's points about the interface, each of them thinned evenly if they are more than is needed."""
     over = interface.height_m(points_m)
     rock = np.flatnonzero((label == ROCK) & (over < _UNDERSIDE_PER_HEIGHT * height_m))
-    if interface.edge is not None:
-        rock = rock[~strays_at_edge(interface.over(points_m[rock]), interface.edge, height_m)]
     level = np.flatnonzero((label == PEDESTAL) & (np.abs(over) < _BESIDE_PER_HEIGHT * height_m))
     standing, below = points_m[at_most(rock, _BESIDE_POINTS)], points_m[level]
     if len(standing):
@@ -292,13 +280,39 @@ def _segmentation_report(parts: Segmentation, seen: _Seen) -> dict[str, Any]:
     }
 
 
+def _contact_outlines(scene: Scene) -> dict[str, Any]:
+    """GeoJSON of where a scanned rock may touch its pedestal: polygons in the clouds' coordinates and metres.
+
+    `probability` is the share of the drawn bases whose contacts enclose the polygon; null: it encloses all contacts.
+    """
+    interface = scene.report["interface"]
+    rings = [(None, interface["outline_m"])]
+    rings += [(each["probability"], each["outline_m"]) for each in interface.get("outlines", [])]
+    return {
+        "type": "FeatureCollection",
+        "features": [
+            {
+                "type": "Feature",
+                "properties": {"probability": probability},
+                "geometry": {
+                    "type": "Polygon",
+                    "coordinates": [(np.array([*ring, ring[0]]) + scene.origin_m).round(4).tolist()],
+                },
+            }
+            for probability, ring in rings
+        ],
+    }
+
+
 def save_survey(
     result: Survey,
     folder: str | os.PathLike[str],
     also: Callable[[Path], object] = lambda _: None,
     replaces: bool = False,
 ) -> Path:
-    """Write the scene's folder with `labels.npz`, and what `also` writes into it (a picture); complete or not at all.
+    """Write the scene's folder, complete or not at all, with `labels.npz` and the outlines of its possible contacts.
+
+    also: writes into the folder, such as a picture.
 
     Raises
     ------
@@ -311,13 +325,16 @@ def save_survey(
         digest.seal_archive(staging / LABELS)
         if result.worked_out is not None:
             result.worked_out.write(staging / WORKED_OUT)
+        if result.scene.unseen is not None:
+            outlines = json.dumps(_contact_outlines(result.scene), indent=1)
+            (staging / OUTLINES).write_text(outlines, encoding="utf-8")
         result.scene.write_into(staging)
         also(staging)
     return target
 
 
 _ABOVE_SHARE = 0.1
-"""Of the rock's height: what holds a rock that leans rises so far above its foot, and beyond how far it settles."""
+"""Height above its foot of what holds a leaning rock, and how far a rock that settles moves, over its height."""
 
 _AS_GIVEN = "Rock and pedestal are the two meshes as they were given; no base is drawn and no interval stated"
 _LEANS = f"the rock leans: without what touches it above its foot it does not stand. {_AS_GIVEN}"

@@ -26,7 +26,6 @@ from toppling.models.scan.doubt import (
     sectors,
     widest_gap_deg,
 )
-from toppling.models.scan.hanging import hanging_doubt
 from toppling.models.scan.interface import Interface, fit_interface, fitted_plane
 from toppling.models.scan.interface_hint import OFF_PER_HEIGHT
 from toppling.models.scan.measure import ObservedRock, outside_support_m
@@ -93,7 +92,6 @@ def warnings_of(
     found = [
         _contact(observed, interface),
         off_hint(observed, interface, origin_m),
-        hanging_doubt(observed, interface),
         _off_surface(
             closed.rock, points_m[at_most(np.flatnonzero(label == ROCK), _SAMPLE)], observed.height_m
         ),

@@ -9,11 +9,11 @@ from scipy.spatial import cKDTree
 from toppling.models.arrays import Array, Flags, Indices, at_most, inside_box
 
 SHOWN_POINTS = 200_000
-"""As many as the graphics of a laptop turn without a pause."""
+"""Points that the graphics of a laptop turn without a pause."""
 SAMPLED_POINTS = 2_000_000
 """More tell a screen no more."""
 _LEAST_SHARE = 0.75
-"""Of the number of points that may be shown, so many are."""
+"""Least share of the points that may be shown."""
 _SPACINGS, _COVERED_SHARE = 5000, 0.8
 """Points of which spacings are taken, and the share of them that is no farther apart."""
 _NEIGHBOURS = 12
@@ -22,7 +22,7 @@ LIGHT = np.array([-0.45, -0.6, 0.66])
 """Direction toward the light, from the upper left of one who looks north."""
 _DARKEST = 0.35
 _WITHIN_SPACINGS = 2.0
-"""Of the shown points: how far from the one that was clicked the cloud is searched."""
+"""Distance from the clicked point within which the cloud is searched, in spacings of the shown points."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,7 +21,7 @@ from toppling.models.hidden_base.standing import base_unseen, check_inspection
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.scan.close import SHARES, ClosedRock
-from toppling.models.scan.interface import Edge, Interface, Sheet
+from toppling.models.scan.interface import Interface, Sheet
 from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scan.measure import ObservedRock, slenderness
 from toppling.models.scan.read import Cloud
@@ -29,7 +29,7 @@ from toppling.models.scan.segment import PEDESTAL, ROCK
 from toppling.models.scan.surfels import Surfels
 from toppling.models.scene import Scene
 
-SCHEMA_VERSION = 6
+SCHEMA_VERSION = 7
 _MOST_BYTES = 2 << 30
 """Unpacked; a scan of 20 million points keeps less than a tenth of this."""
 
@@ -57,7 +57,7 @@ class WorkedOut:
     said: Mapping[str, Any] = field(default_factory=dict)
 
     def with_hints(self, given: Inspection) -> "WorkedOut":
-        """The same with other knowledge of the base: what is given replaces what was known of its kind."""
+        """Replace what is known of the base by what is given, kind by kind."""
         known = self.inspection
         places = given if len(given.places_m) else known
         merged = dataclasses.replace(
@@ -119,7 +119,6 @@ class WorkedOut:
             "height_m": observed.height_m,
             "roughness_m": self.interface.roughness_m,
             "sheet": None if self.interface.sheet is None else self.interface.sheet.to_json(),
-            "edge_blur_m": None if self.interface.edge is None else self.interface.edge.blur_m,
             "shares": [getattr(self.closed, share) for share in SHARES],
             "hint": None if hint is None else [hint.kind, hint.encloses],
             "pulls": self.inspection.pulls,
@@ -140,7 +139,6 @@ class WorkedOut:
             "surfels": np.column_stack([surfels.points_m, surfels.normals, surfels.roughness]),
             "patches": observed.patches,
             "plane": np.vstack([self.interface.point_m, self.interface.normal, self.interface.axes]),
-            "edge": np.zeros((0, 4)) if self.interface.edge is None else self.interface.edge.lines,
             "anchors": np.zeros((0, 3)) if hint is None else hint.anchors_m,
             "rock_vertices": rock.vertices_m,
             "rock_faces": rock.faces,
@@ -193,8 +191,7 @@ class WorkedOut:
     def _of(cls, arrays: dict[str, Any], told: dict[str, Any]) -> "WorkedOut":
         plane, surfels, bounds = arrays["plane"], arrays["surfels"], arrays["bounds"]
         sheet = None if told["sheet"] is None else Sheet.of(told["sheet"])
-        edge = Edge(arrays["edge"], told["edge_blur_m"]) if told.get("edge_blur_m") else None
-        interface = Interface(plane[0], plane[1], plane[2:], told["roughness_m"], sheet, edge)
+        interface = Interface(plane[0], plane[1], plane[2:], told["roughness_m"], sheet)
         hint = None
         if told["hint"] is not None:
             kind, encloses = told["hint"]

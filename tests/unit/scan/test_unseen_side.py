@@ -2,12 +2,10 @@
 
 import numpy as np
 import pytest
-from patches import LEVEL
 
 from toppling.models.hidden_base.gap import BaseObservation, Relief, draw_gaps
 from toppling.models.hidden_base.near_interface import DRAWN, SIDE_TANGENT, NearInterface, UnseenSide
 from toppling.models.hidden_base.underside import Underside
-from toppling.models.scan.interface import Edge, Interface
 
 HEIGHT_M, PITCH_M = 2.0, 0.012
 CENTRE_M = np.array([0.3, -0.2])
@@ -109,14 +107,6 @@ def test_no_rim_goes_on_where_the_pedestal_beyond_it_was_seen():
     under = Underside.of(NearInterface(side(90.0), ground(0.0), HEIGHT_M))
     away_m = np.linalg.norm(under.grid.nodes_m[under.widest] - CENTRE_M, axis=1)
     assert away_m.max() < 0.46 + 2.0 * PITCH_M
-
-
-def test_no_rim_goes_on_where_the_pedestal_ends():
-    line = np.linspace(-1.0, 1.0, 41)
-    edge = Edge(np.column_stack([np.full(41, CENTRE_M[0] + 0.3), line, np.ones(41), np.zeros(41)]), PITCH_M)
-    ends = Interface(LEVEL.point_m, LEVEL.normal, LEVEL.axes, 0.0, None, edge)
-    under = Underside.of(NearInterface(side(120.0), ground(120.0), HEIGHT_M), interface=ends)
-    assert under.grid.nodes_m[under.widest][:, 0].max() < CENTRE_M[0] + 0.3
 
 
 def test_draws_touch_up_to_their_own_rim_and_rise_beyond_it():

@@ -33,8 +33,8 @@ from toppling.models.rock import Rock
 from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.crevice import grid_triangles
 from toppling.models.scan.interface import Interface, between_nodes, lattice
-from toppling.models.scan.invented import spread_of
 from toppling.models.scan.measure import ObservedRock
+from toppling.models.scan.uncertainty import spread_of
 from toppling.models.statics import equilibrium_possible
 
 _AROUND_LATTICES = 12.0

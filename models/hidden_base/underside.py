@@ -9,7 +9,7 @@ from scipy.spatial import ConvexHull, cKDTree
 from toppling.models.arrays import Array, Flags
 from toppling.models.hidden_base.near_interface import DRAWN, NearInterface, UnseenSide
 from toppling.models.scan.crevice import Grid, check_seen, smooth_sheet
-from toppling.models.scan.doubt import SECTORS, sectors
+from toppling.models.scan.directions import SECTORS, sectors
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.interface_hint import InterfaceHint
 

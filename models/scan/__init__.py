@@ -3,7 +3,6 @@
 from toppling.models import matplotlib_alone as matplotlib_alone
 
 __all__ = [
-    "candidates", "close", "crevice", "doubt", "hints_file", "interface",
-    "interface_hint", "invented", "measure", "parts", "placement", "read", "reference", "register", "segment",
-    "survey", "view", "virtual", "worked_out",
+    "candidates", "close", "crevice", "directions", "hints_file", "interface", "interface_hint", "measure", "parts",
+    "placement", "read", "reference", "register", "segment", "survey", "uncertainty", "view", "virtual", "worked_out",
 ]  # fmt: skip

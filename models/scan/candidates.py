@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from toppling.models.arrays import Array, Flags, Indices, bounds_of, distinct, inside_cylinder
 from toppling.models.joined import joined_parts
-from toppling.models.scan.doubt import SECTORS, sectors
+from toppling.models.scan.directions import SECTORS, sectors
 from toppling.models.scan.interface import Interface, fitted_plane
 from toppling.models.scan.surfels import LEVEL, Surfels, orient, thin
 

@@ -14,10 +14,10 @@ from toppling.models.arrays import Array, Flags, Indices
 from toppling.models.pedestal import Pedestal
 from toppling.models.relief import height_below
 from toppling.models.rock import Rock
-from toppling.models.scan.beside import Beside, few_triangles, is_ground
 from toppling.models.scan.crevice import Grid, grid_laplacian, grid_triangles
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.surfels import Surfels
+from toppling.models.scan.surroundings import Surroundings, few_triangles, is_ground
 from toppling.models.statics import CONTACT_SHARE_OF_HEIGHT, support_polygon_m
 
 _REACH_HEIGHTS = 0.6
@@ -44,7 +44,7 @@ class Ground:
     # What of that surface stands beside the rock and is no map of heights, in words.
     beside: str | None = None
 
-    def with_beside(self, stands: Beside, interface: Interface, height_m: float) -> "Ground":
+    def with_beside(self, stands: Surroundings, interface: Interface, height_m: float) -> "Ground":
         """Add what stands beside the rock, in as few triangles as the relief around the rock needs."""
         own = self.pedestal
         assert own.vertices_m is not None

@@ -12,7 +12,7 @@ from toppling.models.arrays import Array, Flags
 from toppling.models.errors import InputError, refusals
 from toppling.models.files.table import Table, places_in
 from toppling.models.frames import plane_normal, slope_of_normal
-from toppling.models.scan.doubt import direction_told
+from toppling.models.scan.directions import direction_text
 from toppling.models.scan.header import named_columns
 from toppling.models.scan.hints_file import outside_cloud
 from toppling.models.scan.interface import Interface, fit_interface
@@ -195,13 +195,13 @@ def seen_about_points(hint: InterfaceHint, surfels: Surfels, rock: Flags) -> Int
     return replace(hint, interface=seen)
 
 
-def points_told(hint: InterfaceHint, seen: Interface) -> str:
+def points_text(hint: InterfaceHint, seen: Interface) -> str:
     """What to tell of places in whose stead the pedestal's plane was taken as it was seen."""
     heights_m = seen.flat(hint.anchors_m)[:, 2]
     dip_deg, toward_deg = slope_of_normal(seen.normal)
     return (
         f"the places of --point lie {heights_m.min():+.2g} to {heights_m.max():+.2g} m over the pedestal that was seen "
         f"about them, which is a plane within {seen.roughness_m:.2g} m: it was taken instead, and dips by "
-        f"{dip_deg:.1f} degrees toward {direction_told(toward_deg)}. An interface that is to be taken as it is given "
+        f"{dip_deg:.1f} degrees toward {direction_text(toward_deg)}. An interface that is to be taken as it is given "
         "is said by --plane"
     )

@@ -10,7 +10,7 @@ from toppling.models.arrays import Array, Flags
 from toppling.models.errors import InputError
 from toppling.models.hidden_base.near_interface import NearInterface, SidesSeen
 from toppling.models.rock import Rock
-from toppling.models.scan.doubt import middle
+from toppling.models.scan.directions import middle
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scan.surfels import Surfels

@@ -23,22 +23,21 @@ from toppling.models.hidden_base.standing import check_inspection
 from toppling.models.hidden_base.underside import hidden_base
 from toppling.models.lengths import size_note
 from toppling.models.rock import check_size
-from toppling.models.scan.beside import mesh_beside, stands_beside
-from toppling.models.scan.carried_surface import carried_surface, level_surface
 from toppling.models.scan.choice import with_reason
 from toppling.models.scan.close import SHARES, ClosedRock, close_rock
 from toppling.models.scan.crevice import check_seen, judge_crevice
 from toppling.models.scan.ground import Ground, kept_of, pedestal_ground
 from toppling.models.scan.hints_file import outside_cloud
 from toppling.models.scan.interface import Interface, fit_interface
-from toppling.models.scan.interface_hint import InterfaceHint, check_near, points_told, seen_about_points
-from toppling.models.scan.invented import spread_of
+from toppling.models.scan.interface_hint import InterfaceHint, check_near, points_text, seen_about_points
 from toppling.models.scan.measure import ObservedRock, check_above
 from toppling.models.scan.meshes import Mesh
 from toppling.models.scan.parts import as_labelled
+from toppling.models.scan.pedestal_surface import level_surface, pedestal_surface
 from toppling.models.scan.plausible import step_note
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.register import Registered, registered
+from toppling.models.scan.scan_warnings import warnings_of
 from toppling.models.scan.segment import (
     NEITHER,
     PEDESTAL,
@@ -49,7 +48,8 @@ from toppling.models.scan.segment import (
     segment,
     without_ground,
 )
-from toppling.models.scan.unexplained import warnings_of
+from toppling.models.scan.surroundings import mesh_surroundings, surroundings_met
+from toppling.models.scan.uncertainty import spread_of
 from toppling.models.scan.worked_out import WorkedOut
 from toppling.models.scene import Scene
 
@@ -151,7 +151,7 @@ def work_out(
     below = at_most(np.flatnonzero(seen.label == PEDESTAL), _BESIDE_POINTS)
     kept = kept_of(ground, cloud.points_m[below], interface)
     if seen.beside.any():
-        beside = mesh_beside(observed.surfels, observed.patches, seen.beside, interface, height_m)
+        beside = mesh_surroundings(observed.surfels, observed.patches, seen.beside, interface, height_m)
         ground = ground.with_beside(beside, interface, height_m)
     report = {
         **_surface_report(closed, interface, "fit" if hint is None else hint.kind, ground),
@@ -190,7 +190,7 @@ def _split_at(
         return parts, hint, ""
     if cloud.label is None:
         parts = segment(cloud.points_m, cloud.origin_m, near, seen)
-    return parts, seen, points_told(hint, seen.interface)
+    return parts, seen, points_text(hint, seen.interface)
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,7 +211,7 @@ def _classified(cloud: Cloud, parts: Segmentation, hint: InterfaceHint | None) -
     height = float(np.ptp(surfels.points_m[rock, 2]))
     if hint is None or not hint.encloses:
         plane = None if hint is None else interface
-        carried = carried_surface(surfels, rock, height, plane)
+        carried = pedestal_surface(surfels, rock, height, plane)
         if carried is not None and cloud.label is None:
             parts = cut_over(cloud.points_m, parts, carried)
             rock = parts.surfel_label == ROCK
@@ -225,7 +225,7 @@ def _classified(cloud: Cloud, parts: Segmentation, hint: InterfaceHint | None) -
         parts = without_ground(cloud.points_m, parts, interface, height)
     label, surfel_label = parts.label, parts.surfel_label
     rock, pedestal = surfel_label == ROCK, surfel_label == PEDESTAL
-    beside = stands_beside(surfels, rock, pedestal, interface, height)
+    beside = surroundings_met(surfels, rock, pedestal, interface, height)
     if interface.sheet is None and beside.any():
         interface = level_surface(surfels, rock, height, interface)
     if hint is not None:

@@ -14,12 +14,12 @@ from toppling.models.hidden_base.inspection import Inspection, inspection_of
 from toppling.models.hidden_base.intervals import base_sentences
 from toppling.models.scan.hints_file import HINTS, KEYS, CloudHints, Hints, Place, plain, write_hints
 from toppling.models.scan.interface_hint import InterfaceHint, hint_of
-from toppling.models.scan.invented import invention_warning
 from toppling.models.scan.parts import files_with, labelled, parts_of
 from toppling.models.scan.placement import Placement, control_point_lines, placement_of
 from toppling.models.scan.read import Cloud, read_clouds
 from toppling.models.scan.reference import Reference, of_user
 from toppling.models.scan.survey import SeparatedMeshes, Survey, save_survey, survey
+from toppling.models.scan.uncertainty import invention_warning
 from toppling.models.scan.worked_out import WorkedOut
 from toppling.models.scene import Scene
 from toppling.models.spelling import did_you_mean

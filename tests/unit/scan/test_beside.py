@@ -10,17 +10,17 @@ from toppling import Motion, shake
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.scan import virtual
-from toppling.models.scan.beside import (
+from toppling.models.scan.crevice import grid_triangles
+from toppling.models.scan.segment import PEDESTAL
+from toppling.models.scan.surfels import Surfels
+from toppling.models.scan.surroundings import (
     CELL_PER_HEIGHT,
     TILTS_DEG,
     few_triangles,
     in_reach,
-    mesh_beside,
-    stands_beside,
+    mesh_surroundings,
+    surroundings_met,
 )
-from toppling.models.scan.crevice import grid_triangles
-from toppling.models.scan.segment import PEDESTAL
-from toppling.models.scan.surfels import Surfels
 from toppling.models.scan.survey import save_survey, survey
 from toppling.models.scene import Scene
 from toppling.models.shapes import box
@@ -31,8 +31,8 @@ WALL_M = 1.0
 
 def meshed(surfels, rock, other=None):
     """The mesh of what stands beside a rock."""
-    shown = stands_beside(surfels, rock, ~rock if other is None else other, LEVEL, HEIGHT_M)
-    return mesh_beside(surfels, rock, shown, LEVEL, HEIGHT_M)
+    shown = surroundings_met(surfels, rock, ~rock if other is None else other, LEVEL, HEIGHT_M)
+    return mesh_surroundings(surfels, rock, shown, LEVEL, HEIGHT_M)
 
 
 def patches(gap_m, *, hidden_from_m=None):
@@ -72,7 +72,7 @@ def test_a_wall_is_reached_from_where_the_fallen_block_meets_it_up_to_its_crest(
 def test_a_wall_farther_than_the_rock_reaches_is_not_kept():
     surfels, rock = patches(1.3)
     assert not in_reach(surfels, rock, ~rock, LEVEL, HEIGHT_M).any()
-    assert not stands_beside(surfels, rock, ~rock, LEVEL, HEIGHT_M).any()
+    assert not surroundings_met(surfels, rock, ~rock, LEVEL, HEIGHT_M).any()
 
 
 def front(found, at_m):

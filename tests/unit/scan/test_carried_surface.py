@@ -14,11 +14,11 @@ from toppling.models.hidden_base.statics import held_on_surface
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.scan import virtual
-from toppling.models.scan.carried_surface import carried_surface, faceted
 from toppling.models.scan.close import body_over
 from toppling.models.scan.crevice import grid_triangles
 from toppling.models.scan.interface import Interface, Sheet, between_nodes
 from toppling.models.scan.measure import outside_support_m
+from toppling.models.scan.pedestal_surface import faceted, pedestal_surface
 from toppling.models.scan.segment import ROCK, cut_over, segment
 from toppling.models.scan.survey import save_survey, survey
 from toppling.models.scene import Scene
@@ -82,7 +82,7 @@ def cloud_on(height_at, seed=1, resolution_per_height=0.009):
 def carried(points_m):
     parts = segment(points_m, virtual.DEMO_ORIGIN_M)
     rock = parts.surfel_label == ROCK
-    return carried_surface(parts.surfels, rock, float(np.ptp(parts.surfels.points_m[rock, 2])))
+    return pedestal_surface(parts.surfels, rock, float(np.ptp(parts.surfels.points_m[rock, 2])))
 
 
 def below_the_base(height_at):
@@ -130,7 +130,7 @@ def test_a_foot_that_came_off_at_its_top_is_the_rock_again_once_its_surface_is_k
     points = virtual.cloud_of(stations, virtual.DEMO_ORIGIN_M)[0].points_m
     parts = segment(points, virtual.DEMO_ORIGIN_M)
     rock = parts.surfel_label == ROCK
-    interface = carried_surface(parts.surfels, rock, float(np.ptp(parts.surfels.points_m[rock, 2])))
+    interface = pedestal_surface(parts.surfels, rock, float(np.ptp(parts.surfels.points_m[rock, 2])))
     again = cut_over(points, parts, interface)
     places = again.surfels.points_m[again.surfel_label == ROCK]
     feet = places[(places[:, 2] < 0.24) & (np.abs(places[:, :2]) > 0.1).all(axis=1)]

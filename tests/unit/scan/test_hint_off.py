@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from toppling.models.frames import plane_normal
-from toppling.models.scan.interface_hint import InterfaceHint, points_told, seen_about_points
+from toppling.models.scan.interface_hint import InterfaceHint, points_text, seen_about_points
 from toppling.models.scan.measure import ObservedRock
+from toppling.models.scan.scan_warnings import off_hint
 from toppling.models.scan.surfels import Surfels
-from toppling.models.scan.unexplained import off_hint
 
 DIP_DEG, TOWARD_DEG, HEIGHT_M, RADIUS_M, PATCH_M = 4.0, 60.0, 2.0, 0.5, 0.02
 ORIGIN_M = np.array([331_000.0, 3_777_000.0, 480.0])
@@ -90,7 +90,7 @@ def test_places_clicked_off_a_plane_pedestal_give_way_to_it_by_much_or_little(sh
     assert seen.interface.normal == pytest.approx(NORMAL, abs=1e-6)
     assert seen.interface.flat(on_the_slope(np.zeros(1), np.zeros(1)))[0, 2] == pytest.approx(0.0, abs=1e-6)
     assert seen.kind == hint.kind
-    said = points_told(hint, seen.interface)
+    said = points_text(hint, seen.interface)
     assert f"{-0.05 * share:.2g} to {0.06 * share:+.2g} m" in said
     assert "dips by 4.0 degrees toward azimuth 60" in said
 

@@ -7,8 +7,8 @@ import pytest
 
 from toppling.models.scan import virtual
 from toppling.models.scan.close import ClosedRock
-from toppling.models.scan.invented import bias_floors, cap_share, invention_warning
 from toppling.models.scan.survey import survey
+from toppling.models.scan.uncertainty import bias_floors, cap_share, invention_warning
 from toppling.models.scene import Scene
 
 

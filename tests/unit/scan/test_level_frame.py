@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from toppling.models.frames import plane_normal
+from toppling.models.scan.scan_warnings import tilted_frame
 from toppling.models.scan.surfels import Surfels
-from toppling.models.scan.unexplained import tilted_frame
 
 PATCH_M, STEP_M = 0.03, 0.45
 DIP_DEG, TOWARD_DEG = 3.6, 235.0

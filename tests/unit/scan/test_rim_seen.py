@@ -6,7 +6,7 @@ from patches import LEVEL
 
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.measure import ObservedRock
-from toppling.models.scan.unexplained import unseen_rim
+from toppling.models.scan.scan_warnings import unseen_rim
 
 
 def told(azimuths_deg, interface=LEVEL):

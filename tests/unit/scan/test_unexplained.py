@@ -13,9 +13,9 @@ from toppling.models.scan.choice import choose
 from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.interface import fit_interface
 from toppling.models.scan.interface_hint import hint_of
+from toppling.models.scan.scan_warnings import check_seen_enough, unseen_range, warnings_of
 from toppling.models.scan.surfels import Surfels
 from toppling.models.scan.survey import survey
-from toppling.models.scan.unexplained import check_seen_enough, unseen_range, warnings_of
 from toppling.models.scene import Scene
 
 CUBE = Scene.block(0.25, 0.25, 0.5).rock

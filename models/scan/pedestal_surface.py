@@ -48,7 +48,7 @@ _CURVE_NOISE_PER_HEIGHT = 0.0012
 """... and not more than this: bumps beside a flat contact are no dome."""
 
 
-def carried_surface(
+def pedestal_surface(
     surfels: Surfels, rock: Flags, height_m: float, given: Interface | None = None
 ) -> Interface | None:
     """Interface with the surface that the patches beside a rock show; None where one plane is enough.

@@ -1,4 +1,4 @@
-"""A doubt that a rock is a free rigid block, and the directions around it in which doubts are counted."""
+"""A warning that a rock may be no free rigid block, and the directions around it in which what was seen is counted."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ SECTORS = 36
 
 
 @dataclass(frozen=True)
-class Doubt:
+class ScanWarning:
     """Why the answer for a free rigid block may not be this rock's: its kind, and a sentence."""
 
     kind: str
@@ -39,11 +39,11 @@ def middle(flat_m: Array) -> Array:
     return np.asarray(0.5 * (flat_m[:, :2].min(axis=0) + flat_m[:, :2].max(axis=0)))
 
 
-def azimuth_told(way: Array, interface: Interface) -> str:
+def azimuth_text(way: Array, interface: Interface) -> str:
     """Azimuth and compass bearing of a way (2,) along the interface's u and v, in words."""
-    return direction_told(azimuth_deg(interface.axes[:, :2] @ way))
+    return direction_text(azimuth_deg(interface.axes[:, :2] @ way))
 
 
-def direction_told(toward_deg: float) -> str:
+def direction_text(toward_deg: float) -> str:
     """An azimuth with its compass bearing, in words."""
     return f"azimuth {toward_deg:.0f} (compass {float(compass_deg(toward_deg)):.0f})"

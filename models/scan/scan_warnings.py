@@ -17,11 +17,11 @@ from toppling.models.frames import horizontal_unit_vector, slope_of_normal
 from toppling.models.rock import Rock
 from toppling.models.scan.candidates import level_planes, neighbourhood
 from toppling.models.scan.close import ClosedRock
-from toppling.models.scan.doubt import (
+from toppling.models.scan.directions import (
     SECTORS,
-    Doubt,
-    azimuth_told,
-    direction_told,
+    ScanWarning,
+    azimuth_text,
+    direction_text,
     middle,
     sectors,
     widest_gap_deg,
@@ -70,7 +70,7 @@ def warnings_of(
     points_m: Array,
     label: NDArray[np.int8],
     origin_m: Array,
-) -> list[Doubt]:
+) -> list[ScanWarning]:
     """Warnings of a closed rock that was seen enough and can stand.
 
     Parameters
@@ -130,7 +130,7 @@ def check_seen_enough(observed: ObservedRock, interface: Interface, closed: Clos
     if blind_deg >= _ONE_SIDE_DEG:
         share = (
             f"one side is not enough: {share}, none of its sides over {blind_deg:.0f} degrees about "
-            f"{direction_told(toward_deg)}"
+            f"{direction_text(toward_deg)}"
         )
     elif (apart := observed.patches_apart) > _SPARSE:
         code = "cloud.too_sparse"
@@ -176,7 +176,7 @@ def _creased_share(observed: ObservedRock, interface: Interface) -> float | None
     return float((np.array(nearest_deg) > _CREASE_DEG).mean())
 
 
-def _contact(observed: ObservedRock, interface: Interface) -> Doubt | None:
+def _contact(observed: ObservedRock, interface: Interface) -> ScanWarning | None:
     """A warning where the rock may be held: no crevice shows along its rim, or something touches it above its foot."""
     share, touch = _creased_share(observed, interface), _touched_above(observed, interface)
     told = []
@@ -190,11 +190,11 @@ def _contact(observed: ObservedRock, interface: Interface) -> Doubt | None:
         way = places[touch, :2].mean(axis=0) - places[observed.patches, :2].mean(axis=0)
         told.append(
             f"something touches the rock {np.median(places[touch, 2]):.2g} m above the interface, toward "
-            f"{azimuth_told(way, interface)}"
+            f"{azimuth_text(way, interface)}"
         )
     if not told:
         return None
-    return Doubt(
+    return ScanWarning(
         "contact",
         f"{'; '.join(told)}. The answer is that of a free block: is it free? If the two meet elsewhere, say where by "
         "three places --point X,Y,Z; if they were separated already, give them as --rock and --pedestal",
@@ -213,7 +213,7 @@ def _touched_above(observed: ObservedRock, interface: Interface) -> Flags:
     return other if own.any() and other.sum() >= _LEAST_TOUCHES else np.zeros_like(other)
 
 
-def off_hint(observed: ObservedRock, interface: Interface, origin_m: Array) -> Doubt | None:
+def off_hint(observed: ObservedRock, interface: Interface, origin_m: Array) -> ScanWarning | None:
     """A warning where the pedestal that was seen beside the rock lies off the interface that the user gave."""
     if observed.hint is None:
         return None
@@ -228,16 +228,16 @@ def off_hint(observed: ObservedRock, interface: Interface, origin_m: Array) -> D
         return None
     dip_deg, toward_deg = slope_of_normal(seen.normal)
     x, y, z = seen.point_m + origin_m
-    return Doubt(
+    return ScanWarning(
         "hint",
         f"below the rock the pedestal that was seen beside it lies {low_m:+.2g} to {high_m:+.2g} m over the interface "
-        f"that is given, and dips by {dip_deg:.1f} degrees toward {direction_told(toward_deg)}: one too high cuts "
+        f"that is given, and dips by {dip_deg:.1f} degrees toward {direction_text(toward_deg)}: one too high cuts "
         f"the rock's foot off, one too low adds to it. What was seen is --plane {x:.2f} {y:.2f} {z:.2f} {dip_deg:.1f} "
         f"{toward_deg:.0f}",
     )
 
 
-def tilted_frame(surfels: Surfels, rock: Flags) -> Doubt | None:
+def tilted_frame(surfels: Surfels, rock: Flags) -> ScanWarning | None:
     """A warning where levels at different heights beside a rock (k,) dip alike, as paving, steps and plinths do."""
     beside = surfels.only(~rock & (surfels.normals[:, 2] > LEVEL))
     points, even_m = beside.points_m, _EVEN_VOXELS * beside.voxel_m
@@ -256,15 +256,15 @@ def tilted_frame(surfels: Surfels, rock: Flags) -> Doubt | None:
     apart_m = max(up_m) - min(up_m)
     if not _DIPS_DEG[0] < dip_deg < _DIPS_DEG[1] or apart_m < _APART_VOXELS * surfels.voxel_m:
         return None
-    return Doubt(
+    return ScanWarning(
         "frame",
         f"levels {apart_m:.2g} m apart beside the rock dip alike, by {dip_deg:.1f} degrees toward "
-        f"{direction_told(toward_deg)}: if they were made level, z does not point upward in this cloud, and the rock "
+        f"{direction_text(toward_deg)}: if they were made level, z does not point upward in this cloud, and the rock "
         "is taken to lean by as much. Then give --up {:.4f},{:.4f},{:.4f}".format(*levels[0].normal),
     )
 
 
-def _off_surface(rock: Rock, seen_m: Array, height_m: float) -> Doubt | None:
+def _off_surface(rock: Rock, seen_m: Array, height_m: float) -> ScanWarning | None:
     """A warning where the rock's points lie off the surface that was closed about them."""
     scene = o3d.t.geometry.RaycastingScene(nthreads=1)
     scene.add_triangles(
@@ -275,7 +275,7 @@ def _off_surface(rock: Rock, seen_m: Array, height_m: float) -> Doubt | None:
     off_m = float(np.median(off))
     if off_m < _OFF_SURFACE * height_m:
         return None
-    return Doubt(
+    return ScanWarning(
         "surface",
         f"half of the rock's points lie more than {off_m:.2g} m off its closed surface: noise, or a surface that was "
         "seen twice, by stations that do not fit each other or two registrations in one cloud. Register the stations "
@@ -283,7 +283,7 @@ def _off_surface(rock: Rock, seen_m: Array, height_m: float) -> Doubt | None:
     )
 
 
-def unseen_rim(observed: ObservedRock, interface: Interface, com_m: Array) -> Doubt | None:
+def unseen_rim(observed: ObservedRock, interface: Interface, com_m: Array) -> ScanWarning | None:
     """A warning where the rim was not seen over a wide range of directions about the line of the weight."""
     if observed.hint is not None and observed.hint.encloses:
         return None
@@ -291,8 +291,8 @@ def unseen_rim(observed: ObservedRock, interface: Interface, com_m: Array) -> Do
     range_deg, toward_deg = widest_gap_deg(np.unique(sectors(places)))
     if range_deg < _UNSEEN_RIM_DEG:
         return None
-    toward = azimuth_told(horizontal_unit_vector(toward_deg)[:2], interface)
-    return Doubt(
+    toward = azimuth_text(horizontal_unit_vector(toward_deg)[:2], interface)
+    return ScanWarning(
         "rim",
         f"the rock's rim was not seen over {range_deg:.0f} degrees about {toward}: contacts were drawn there as if the "
         "outline that was seen went on. A station toward there would tell the most",

@@ -56,7 +56,7 @@ _JOINED_PER_HEIGHT, _HALVINGS = 0.25, 10
 
 
 @dataclass(frozen=True, eq=False)
-class Beside:
+class Surroundings:
     """What a tilting rock can reach beside it."""
 
     # (n, 3): scene frame, counter-clockwise seen from the air.
@@ -118,7 +118,7 @@ def is_ground(flat: Array, normals: Array, interface: Interface, height_m: float
     return level & (np.abs(flat[:, 2]) < _HIGHEST_GROUND_PER_HEIGHT * height_m)
 
 
-def stands_beside(
+def surroundings_met(
     surfels: Surfels, rock: Flags, pedestal: Flags, interface: Interface, height_m: float
 ) -> Flags:
     """Patches (n,) of sheets that the rock can reach beside it, and that no map of heights shows; few are none.
@@ -140,14 +140,18 @@ def stands_beside(
     return shown if (shown & reached).sum() >= _LEAST_PATCHES else np.zeros_like(shown)
 
 
-def mesh_beside(surfels: Surfels, rock: Flags, shown: Flags, interface: Interface, height_m: float) -> Beside:
-    """Mesh of what :func:`stands_beside` has shown that the rock can reach."""
+def mesh_surroundings(
+    surfels: Surfels, rock: Flags, shown: Flags, interface: Interface, height_m: float
+) -> Surroundings:
+    """Mesh of what :func:`surroundings_met` has shown that the rock can reach."""
     axis = surfels.points_m[rock].mean(axis=0)
     normals = _toward(axis, surfels.points_m[shown], surfels.normals[shown], interface.normal)
     vertices, faces = _surface(surfels.points_m[shown], normals, interface, surfels.voxel_m, height_m)
     nearest, distance = _nearest(vertices, faces, surfels.points_m[rock])
     azimuth = np.rad2deg(np.arctan2(*(nearest - axis)[1::-1])) % 360.0
-    return Beside(vertices, faces, distance, float(interface.over(vertices)[:, 2].max()), float(azimuth))
+    return Surroundings(
+        vertices, faces, distance, float(interface.over(vertices)[:, 2].max()), float(azimuth)
+    )
 
 
 def _nearest(vertices_m: Array, faces: Indices, points_m: Array) -> tuple[Array, float]:

@@ -20,6 +20,7 @@ from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.plan import plan_of
 from toppling.orchestrator.run import run
 from toppling.orchestrator.run_folder import describe
+from toppling.orchestrator.settling_notes import settling_notes
 from toppling.results.reader import open_run
 
 ROCK = box(0.3, 0.2, 0.5).moved(np.eye(3), (0.4, -0.3, 0.5))
@@ -96,3 +97,11 @@ def test_a_run_keeps_and_says_by_how_much_its_rock_settles(campaigns, tmp_path, 
     logged = [json.loads(line) for line in (tmp_path / "run" / "run.log").read_text().splitlines()]
     for events in ([entry["event"] for entry in logged], caplog.messages):
         assert [event for event in events if "settles" in event] == ([said] if said else [])
+
+
+@pytest.mark.parametrize(("tilt_deg", "notes"), [(0.0, 0), (0.3, 1), (2.0, 3)])
+def test_a_large_settling_says_what_topples_the_rock_where_it_comes_to_lie(tilt_deg, notes):
+    told = settling_notes(leaning(tilt_deg))
+    assert len(told) == notes
+    if notes == 3:  # of the block that lies flat, by the closed form
+        assert f"topples it is {9.81 * 0.2 / 0.5:.3g} m/s2" in told[1]

@@ -5,10 +5,13 @@ import math
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 import pytest
 import statsmodels.api as sm
 from seeded import row
 
+from toppling.orchestrator.campaign import Campaign
+from toppling.orchestrator.studies.audit import affordable
 from toppling.results.analysis.audit_statistics import JOB_COLUMNS, Audit, audits_json, audits_of, compare
 from toppling.results.reader import open_run
 from toppling.results.store import write_part
@@ -195,3 +198,15 @@ def test_rows_that_came_after_the_sample_was_drawn_are_not_what_it_stands_for(tm
     audit = audits_of(open_run(tmp_path))["reference"]
     assert isinstance(audit, Audit)
     assert (audit.jobs, audit.of_jobs) == (SAMPLE, len(jobs))
+
+
+def test_jobs_that_never_move_cost_an_audit_too(tmp_path):
+    """Of 500 jobs of a second each those of half are free of steps: a tenth of the run is 50 s, of all jobs alike."""
+    campaign = Campaign.of(
+        {"scene": "s", "ensemble": "e", "pga_m_s2": [1], "azimuth_deg": [0], "friction": [0.8]}, tmp_path
+    )
+    rows = pa.table({"wall_s": [1.0] * 500, "steps": [0, 1000] * 250})
+    jobs = affordable(campaign, rows)
+    assert jobs == 0 or 40 <= jobs <= 50
+    many = affordable(campaign, pa.table({"wall_s": [1.0] * 5000}))
+    assert 40 <= many <= 500 / 4 + 1  # the reference takes four times as many steps as the default preset

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from toppling.orchestrator.order import realisations_spread
-from toppling.results.analysis.bases import base_spread
+from toppling.results.analysis.bases import base_spread, narrowed_by
 from toppling.results.analysis.regression import design_of, fit
 from toppling.results.analysis.resampling import sampled
 
@@ -86,3 +86,10 @@ def test_bases_without_weight_say_nothing_of_how_far_bases_differ():
     )
     assert of_all > 0.3
     assert of_even < 0.1
+
+
+def test_what_narrows_an_interval_is_what_most_of_it_comes_from():
+    scan = {"unseen_base": {"kinds": {"flat": {}, "rough": {}}}}
+    assert "records" in narrowed_by({"records": 0.2, "base": 0.1}, scan)
+    assert "pull" in narrowed_by({"records": 0.1, "base": 0.2}, scan)
+    assert narrowed_by({}, scan) == ""

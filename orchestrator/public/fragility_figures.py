@@ -137,7 +137,9 @@ def fragility(
     lines = _plane_reference(opened, jobs, directions) if reference else None
     folder = Path(out) if out else place_in(opened.path, "fragility")
     contacts = maps.by_contact(jobs)
-    steps = _files_of_contact(planes.values()) + bool(within) + (10 + run_figures.FIT_PARTS) * fit + reference
+    # Of a contact: three files per map (over all directions, and by direction), and four of directions.
+    maps_and_roses = 3 * sum(1 + plane.by_direction for plane in planes.values()) + 4
+    steps = maps_and_roses + bool(within) + (10 + run_figures.FIT_PARTS) * fit + reference
     advance(0, total=len(contacts) * steps + 4 * len(by_surroundings(jobs)) + bool(audits))
     drawing = itertools.chain(
         run_figures.write_maps(jobs, folder, planes.values(), directions, lines, done),
@@ -157,11 +159,6 @@ def _counted(files: Iterable[Path], advance: Callable[..., None]) -> Iterator[Pa
     for path in files:
         yield path
         advance()
-
-
-def _files_of_contact(planes: Iterable[maps.Plane]) -> int:
-    """Number of files of a contact: three per map (over all directions, and by direction), and four of directions."""
-    return 3 * sum(1 + plane.by_direction for plane in planes) + 4
 
 
 def _fits_in(folder: Path, contacts: Iterable[str]) -> dict[str, pd.DataFrame]:

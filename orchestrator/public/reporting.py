@@ -62,6 +62,9 @@ def report(
     age: str | None = None,
     hazard: Sequence[str] = (),
     site: tuple[float, float] | str | None = None,
+    measure: str | None = None,
+    ratio: float = 1.0,
+    years: float | None = None,
     samples: int = SAMPLES,
     advance: Callable[..., None] = unseen,
 ) -> Report:
@@ -81,6 +84,12 @@ def report(
         Hazard curves, as for 'toppling constrain', each a path or PATH=WEIGHT; repeatable; they need the age.
     site : (float, float), str or None
         Longitude and latitude, or name, in hazard files of many sites.
+    measure : str or None
+        Intensity measure of the hazard, a column of the results.
+    ratio : float
+        Ratio of the peak of the horizontal vector to the hazard's component.
+    years : float or None
+        Years that the hazard's values are probabilities over, 0 for annual rates, where its files do not say.
     samples : int
         Bootstrap samples of the records.
     advance : callable
@@ -101,15 +110,14 @@ def report(
     _ages_for(hazard, bool(age))
     opened = _opened(run)
     target = Path(out) if out else place_in(opened.path, "report.html")
-    tree = read_tree(tuple(hazard), HazardQuestion(site)) if hazard else None
+    tree = read_tree(tuple(hazard), HazardQuestion(site, ratio, measure, years)) if hazard else None
     apart_km([opened.path], tree)
     if opened.rocks:
         advance(0, total=2 * len(opened.rocks))
         text = _of_many(opened, target, samples, advance)
     else:
         advance(0, total=len(SECTIONS) + pdf)
-        years = parse_age(age) if age else None
-        content = Content(opened, samples, years, age_given(age or ""), tree)
+        content = Content(opened, samples, parse_age(age) if age else None, age_given(age or ""), tree)
         text = report_page(content, lambda title: advance(doing=f"after {title}"))
     page = write_text(text, target)
     write_text(json.dumps(without_machine(provenance(opened)), indent=1), target.with_suffix(".json"))

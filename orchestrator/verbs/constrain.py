@@ -14,7 +14,7 @@ from toppling.orchestrator.progress import bar
 from toppling.orchestrator.public.constraining import constrain as state
 from toppling.orchestrator.public.hazard_question import Dates, EventOptions
 from toppling.orchestrator.verbs import shared_options as shared
-from toppling.orchestrator.verbs.hazard import SITE_HELP, SiteCommand, years_of
+from toppling.orchestrator.verbs.hazard import SITE_HELP, SiteCommand, values_option
 from toppling.orchestrator.verbs.shared_options import of, option
 
 
@@ -36,11 +36,7 @@ from toppling.orchestrator.verbs.shared_options import of, option
 @option("--site", "sites", type=float, nargs=2, multiple=True, metavar="LON LAT", help=SITE_HELP)
 @option("--site-name", "site_names", multiple=True, hidden=True)
 @of(state, "--ratio", type=shared.ABOVE_0)
-@of(
-    state, "--values", metavar="rate|YEARS", parameter="years",
-    help="What the hazard's values are, where its files do not say: annual rates (rate), or probabilities over so many "
-    "years.",
-)  # fmt: skip
+@values_option
 @option(
     "--out", type=shared.FOLDER,
     help="Folder for page, statement (JSON), tables, figures, and the hazard as OpenQuake's realisations (zipped).",
@@ -51,7 +47,6 @@ def constrain(
     common_date: bool,
     sites: tuple[tuple[float, float], ...],
     site_names: tuple[str, ...],
-    values: str | None,
     out: Path | None,
     as_json: bool,
     **asked: Any,
@@ -75,7 +70,7 @@ def constrain(
     with bar("bootstrap of records") as advance:
         stated = state(
             rocks, dates=shared.noun_of(Dates, asked, common=common_date), events=shared.noun_of(EventOptions, asked),
-            sites=[*sites, *site_names], years=years_of(values), advance=advance, **asked,
+            sites=[*sites, *site_names], advance=advance, **asked,
         )  # fmt: skip
     for warning in stated.warnings:
         click.echo(warning, err=True)

@@ -8,6 +8,7 @@ import click
 
 from toppling.models.bearings import degrees_of
 from toppling.models.files.csv_text import is_numeral
+from toppling.orchestrator.verbs.shared_options import option
 from toppling.results.hazard.places import SITE_REACH_KM
 
 SITE_HELP = (
@@ -53,7 +54,7 @@ def _place(words: Sequence[str]) -> tuple[int, list[str]] | None:
     return None
 
 
-def years_of(values: str | None) -> float | None:
+def _years_of(_context: click.Context, _parameter: click.Parameter, values: str | None) -> float | None:
     """Years of --values, 0 for rates, None if not given; UsageError if neither 'rate' nor a positive number."""
     if values is None:
         return None
@@ -65,3 +66,10 @@ def years_of(values: str | None) -> float | None:
             f"--values is {values!r}: give 'rate', or the years that probabilities are over"
         )
     return years
+
+
+values_option = option(
+    "--values", "years", metavar="rate|YEARS", callback=_years_of,
+    help="What the hazard's values are, where its files do not say: annual rates (rate), or probabilities over so many "
+    "years.",
+)  # fmt: skip

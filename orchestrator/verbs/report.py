@@ -8,7 +8,7 @@ import click
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.public.reporting import report as write_report
 from toppling.orchestrator.verbs import shared_options as shared
-from toppling.orchestrator.verbs.hazard import SITE_HELP, SiteCommand
+from toppling.orchestrator.verbs.hazard import SITE_HELP, SiteCommand, values_option
 from toppling.orchestrator.verbs.shared_options import of, option
 from toppling.results.analysis.resampling import SAMPLES
 
@@ -21,6 +21,9 @@ from toppling.results.analysis.resampling import SAMPLES
 @of(write_report, "--hazard", metavar="PATH[=WEIGHT]")
 @option("--site", type=float, nargs=2, metavar="LON LAT", help=SITE_HELP)
 @option("--site-name", hidden=True)
+@of(write_report, "--measure")
+@of(write_report, "--ratio", type=shared.ABOVE_0)
+@values_option
 @shared.samples_option(SAMPLES)
 def report(
     run: Path, out: Path | None, site: tuple[float, float] | None, site_name: str | None, **asked: Any

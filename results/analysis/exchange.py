@@ -303,7 +303,9 @@ def _row(curve: Lognormal) -> dict[str, Any]:
     row |= {name: curve.interval_parts[part] for name, part in _PARTS.items() if part in curve.interval_parts}
     row |= asdict(curve.basis) if curve.basis else {}
     if curve.resampled and curve.basis:
-        row["samples"] = _samples_text(curve.resampled, _median_and_beta)
+        row["samples"] = _samples_text(
+            curve.resampled, lambda line: (math.exp(-line[0] / line[1]), 1 / line[1])
+        )
     return row
 
 
@@ -311,11 +313,6 @@ def _samples_text(resampled: Resampled, numbers: Callable[[Array], Iterable[floa
     """Numbers of each bootstrap sample, `1.21 .39;1.18 .41;;...`; empty for a sample without a fit."""
     rows = [() if refit is None else numbers(refit) for refit in islice(resampled.drawn(), _MOST_SAMPLES)]
     return ";".join(" ".join(f"{value:.7g}" for value in row) for row in rows)
-
-
-def _median_and_beta(coefficients: Array) -> tuple[float, float]:
-    intercept, slope = coefficients
-    return math.exp(-intercept / slope), 1 / slope
 
 
 def _of_samples_text(text: str) -> tuple[list[tuple[float, ...]], NDArray[np.bool_]]:

@@ -38,9 +38,10 @@ def first_screen(content: Content, document: Document) -> dict[str, Any]:
     """Name of the rock, what topples it, the curve and the interval's parts, and what would change the answer."""
     said = [_what_topples(content), _how_likely(content), _what_standing_says(content)]
     picture = png_bytes(thumbnail(content.scene, None)) if content.scene else b""
+    remark = document.remark
     return {
         "rock": content.run.rock,
-        "unfinished": _unfinished_sentence(content),
+        "unfinished": remark and f"This run is unfinished: {remark}. All numbers rest on those that have.",
         "answers": [*said, *constraint_words.answer(content.statement or {})],
         "view": picture and block("picture", png=picture, words=f"the rock {content.run.rock}"),
         "figure": document.figure(lambda width: _headline_figure(content, width), _caption(content)),
@@ -51,11 +52,6 @@ def first_screen(content: Content, document: Document) -> dict[str, Any]:
 def answer(content: Content) -> list[str]:
     """What topples the rock, and what would narrow the interval, a sentence each."""
     return list(filter(None, (_what_topples(content), _what_narrows(content))))
-
-
-def _unfinished_sentence(content: Content) -> str:
-    remark = content.completeness.remark
-    return f"This run is unfinished: {remark}. All numbers below rest on those that have." if remark else ""
 
 
 def _what_topples(content: Content) -> str:

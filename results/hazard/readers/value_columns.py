@@ -58,7 +58,7 @@ def values_of(file: HazardFile, name: str) -> tuple[float, Callable[[float], flo
     if _RATE.fullmatch(plain):
         stated = 0.0
     elif _RETURN.fullmatch(plain):
-        stated, convert = 0.0, _rate_of_return
+        stated, convert = 0.0, lambda period: 1.0 / period if period > 0 else math.nan
     elif _ANNUAL.fullmatch(plain):
         stated = 1.0
     elif found := _PROBABILITY.fullmatch(plain):
@@ -70,7 +70,3 @@ def values_of(file: HazardFile, name: str) -> tuple[float, Callable[[float], flo
     if stated is None and not (_PROBABILITY.fullmatch(plain) or _BARE.fullmatch(plain)):
         file.refuse("hazard.values_unknown", lacks, remedy)
     return file.years_of_values(stated, lacks, f"{remedy}, or give --values"), convert
-
-
-def _rate_of_return(period: float) -> float:
-    return 1.0 / period if period > 0 else math.nan

@@ -1,7 +1,10 @@
 # One image for scheduler, workers and client, so that their versions cannot differ. It holds what shaking needs:
 # neither Open3D nor plotting. PyBullet has wheels for CPython 3.11 only.
+# A release names its base by digest (docs/guide/cluster.md); the label says which was taken.
 ARG BASE=python:3.11-slim
 FROM ${BASE}
+ARG BASE
+LABEL org.opencontainers.image.base.name=${BASE}
 
 ENV PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_NO_CACHE_DIR=1 PYTHONUNBUFFERED=1 PYTHONSAFEPATH=1 OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 WORKDIR /opt/toppling

@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from toppling.models.errors import InputError, UsageError
-from toppling.models.files.folder import local
+from toppling.models.files.folder import FULL, FullDiskError, local, room_left
 from toppling.models.files.stores import at_hand, carry_back, is_store
 from toppling.orchestrator.interrupt import as_program, signals_as_stop
 from toppling.orchestrator.misspelt import Verbs
@@ -142,21 +142,15 @@ def _call() -> None:
 def _os_error_message(error: OSError) -> str:
     """Message for an error of a disk, of permissions or of a limit, with a remedy."""
     note = "; ".join(["", *getattr(error, "__notes__", [])])
-    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+    if error.errno in FULL:
         written = error.filename2 or error.filename  # a copy names its source first
         of = f" of {_asked_for(written)}" if written else ""
-        full = f"the disk{of} is full{_left(written or '.')}"
+        left = error.left if isinstance(error, FullDiskError) else room_left(written or ".")
+        full = f"the disk{of} is full, with {left}"
         return f"{full}: make room{note or ', then give the same command again; what is stored stays'}"
     where = f"{_asked_for(error.filename)}: " if error.filename else ""
     elsewhere = ": write to another place with --out" if error.errno == errno.EROFS else ""
     return f"{where}{error.strerror or error}{elsewhere}{note}"  # Arrow's errors have a message only
-
-
-def _left(path: Any) -> str:
-    """Free bytes and inodes of a path's disk: either may be exhausted."""
-    disk = os.statvfs(next(parent for parent in Path(path).absolute().parents if parent.exists()))
-    files = f"{disk.f_favail:,} of {disk.f_files:,} files (inodes)"
-    return f", with {disk.f_bavail * disk.f_frsize / 1e6:.0f} MB and {files} free"
 
 
 def _asked_for(path: Any) -> Path:

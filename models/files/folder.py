@@ -8,11 +8,13 @@ import unicodedata
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 from urllib.parse import unquote
 
 from toppling.models.errors import InputError
 
-_OF_DISKS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)
+FULL = (errno.ENOSPC, errno.EDQUOT)
+_OF_DISKS = (*FULL, errno.EFBIG, errno.EIO, errno.EROFS)
 _CACHE_VARIABLE = "TOPPLING_CACHE"
 """Names the folder of this account for what can be made again."""
 
@@ -93,9 +95,26 @@ def _naming(target: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        if error.filename or error.errno not in _OF_DISKS:
+        if isinstance(error, FullDiskError) or (error.errno not in (FULL if error.filename else _OF_DISKS)):
             raise
-        raise OSError(error.errno, os.strerror(error.errno), str(target)) from error
+        named = error.filename2 or error.filename or str(target)  # a copy names its source first
+        kind = FullDiskError if error.errno in FULL else OSError
+        raise kind(error.errno, os.strerror(error.errno or 0), named) from error
+
+
+class FullDiskError(OSError):
+    """A disk has no room; `left` is what was free when that was found, before anything is removed."""
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self.left = room_left(self.filename or ".")
+
+
+def room_left(path: str | os.PathLike[str]) -> str:
+    """Free bytes and files of a path's disk: either may be exhausted."""
+    disk = os.statvfs(next(parent for parent in Path(path).absolute().parents if parent.exists()))
+    files = f"{disk.f_favail:,} of {disk.f_files:,} files (inodes)"
+    return f"{disk.f_bavail * disk.f_frsize / 1e6:.0f} MB and {files} free"
 
 
 @contextmanager

@@ -7,7 +7,8 @@ import resource
 import pyarrow as pa
 import pytest
 
-from toppling.models.files.folder import named_beside, new_file, new_folder
+from toppling.models.files import folder
+from toppling.models.files.folder import FullDiskError, named_beside, new_file, new_folder
 from toppling.models.files.tables import write_table
 
 
@@ -24,6 +25,14 @@ def test_what_fails_leaves_nothing(tmp_path):
     with pytest.raises(FileNotFoundError), new_folder(tmp_path / "scene") as staging:
         (staging / "no folder" / "a").write_text("1")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_what_a_full_disk_has_left_is_looked_up_before_anything_is_removed(tmp_path, monkeypatch):
+    monkeypatch.setattr(folder, "room_left", lambda _: str([path.name for path in tmp_path.iterdir()]))
+    with pytest.raises(FullDiskError) as told, new_folder(tmp_path / "run"):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    assert told.value.left.startswith("['.run.")
+    assert (told.value.filename, list(tmp_path.iterdir())) == (str(tmp_path / "run"), [])
 
 
 def test_a_name_that_is_taken_is_refused_even_by_a_link_to_nothing(tmp_path):

@@ -66,11 +66,8 @@ class Rock:
             raise _mesh_error("mesh.encloses_nothing", f"{len(mesh.faces)} triangles enclose nothing", where)
         if not mesh.is_watertight:
             once = np.bincount(mesh.edges_unique_inverse)
-            raise _mesh_error(
-                "mesh.open",
-                f"the mesh is open: {int((once != 2).sum())} edges do not join two triangles",
-                where,
-            )
+            what = f"the mesh is open: {int((once != 2).sum())} edges do not join two triangles"
+            raise _mesh_error("mesh.open", what, where)
         if not mesh.is_winding_consistent:
             raise _mesh_error("mesh.not_oriented", "triangles are not consistently oriented", where)
         if mesh.body_count != 1:
@@ -86,9 +83,8 @@ class Rock:
         inertia = np.array(mesh.moment_inertia, float) / float(mesh.volume)
         least = float(np.linalg.eigvalsh(inertia)[0])
         if not least > 0.0:
-            raise _mesh_error(
-                "mesh.moment_unusable", f"the least moment of inertia over mass is {least:.3g} m2", where
-            )
+            what = f"the least moment of inertia over mass is {least:.3g} m2"
+            raise _mesh_error("mesh.moment_unusable", what, where)
         return cls(
             vertices_m=vertices,
             faces=np.array(mesh.faces, np.int64),
@@ -155,21 +151,16 @@ def check_triangles(vertices_m: ArrayLike, faces: ArrayLike, where: str) -> None
     try:
         vertices, triangles = np.asarray(vertices_m, float), np.asarray(faces)
     except (TypeError, ValueError) as error:
-        raise _mesh_error(
-            "mesh.not_numbers", f"vertices or triangles are no array of numbers ({error})", where
-        ) from None
+        what = f"vertices or triangles are no array of numbers ({error})"
+        raise _mesh_error("mesh.not_numbers", what, where) from None
     if vertices.ndim != 2 or vertices.shape[1] != 3 or triangles.ndim != 2 or triangles.shape[1] != 3:
-        raise _mesh_error(
-            "mesh.shape_unusable",
-            f"vertices and triangles have shapes {vertices.shape} and {triangles.shape}",
-            where,
-        )
+        what = f"vertices and triangles have shapes {vertices.shape} and {triangles.shape}"
+        raise _mesh_error("mesh.shape_unusable", what, where)
     if not np.isfinite(vertices).all():
         raise _mesh_error("mesh.not_finite", "vertex coordinates are not all finite", where)
     if np.abs(vertices).max(initial=0.0) > _FARTHEST_M:
-        raise _mesh_error(
-            "mesh.too_far", f"a vertex lies {np.abs(vertices).max():.3g} m from the origin", where
-        )
+        what = f"a vertex lies {np.abs(vertices).max():.3g} m from the origin"
+        raise _mesh_error("mesh.too_far", what, where)
     if triangles.dtype.kind not in "iuf" or (triangles != np.floor(triangles)).any():
         raise _mesh_error("mesh.index_not_whole", "the corners of its triangles are no whole numbers", where)
     wrong = ((triangles < 0) | (triangles >= len(vertices))).any(axis=1)

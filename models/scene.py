@@ -362,9 +362,8 @@ class Scene(Described):
         try:
             contact = ContactProperties(**described["contact"])
         except TypeError as error:
-            raise _scene_error(
-                "scene.contact_unusable", f"contact is {shown(described['contact'])} ({error})", source
-            ) from None
+            what = f"contact is {shown(described['contact'])} ({error})"
+            raise _scene_error("scene.contact_unusable", what, source) from None
         scene = cls(
             rock=rock,
             pedestal=Pedestal(np.array(plane["point_m"], float), np.array(plane["normal"], float), *surface),

@@ -143,11 +143,8 @@ def read_toml(path: Path, refuse: Refuse = _no_toml) -> dict[str, Any]:
     for key, value in content.items():
         for number in _values_in(value):
             if isinstance(number, int | float) and not (isinstance(number, bool) or is_number(number)):
-                raise refuse(
-                    "document.number_too_large",
-                    f"{shown(number)} is no number that a double holds",
-                    f"{path}: {key}",
-                )
+                what = f"{shown(number)} is no number that a double holds"
+                raise refuse("document.number_too_large", what, f"{path}: {key}")
     return content
 
 

@@ -72,9 +72,8 @@ def read_triangles(path: str | os.PathLike[str]) -> tuple[Array, NDArray[np.int6
     vertices, faces = found or read_guarded("toppling.models.files.mesh_files:_parse_mesh", Path(path))[1]
     if len(faces) == 0:
         remedy = "a point cloud becomes a scene with 'toppling scan'"
-        raise InputError(
-            "mesh.empty", "holds no triangles", where=str(path), expected="a triangle mesh", remedy=remedy
-        )
+        what = "holds no triangles"
+        raise InputError("mesh.empty", what, where=str(path), expected="a triangle mesh", remedy=remedy)
     check_triangles(vertices, faces, str(path))
     if suffix in (".glb", ".gltf"):
         vertices = vertices[:, [0, 2, 1]] * (1.0, -1.0, 1.0)
@@ -145,11 +144,8 @@ def _whole_stl(content: bytes, path: Path) -> bytes:
     whole = _STL_HEADER_BYTES + 4 + _STL_TRIANGLE_BYTES * count
     if len(content) < whole:
         lacking = -(-(whole - len(content)) // _STL_TRIANGLE_BYTES)
-        raise _damaged(
-            "file.truncated",
-            f"lacks {lacking} of the {count} triangles that its header counts: truncated",
-            path,
-        )
+        what = f"lacks {lacking} of the {count} triangles that its header counts: truncated"
+        raise _damaged("file.truncated", what, path)
     return content if content[whole:].strip(b"\0") else content[:whole]
 
 
@@ -164,11 +160,8 @@ def _check_gltf(content: bytes, path: Path) -> None:
     if any(accessors[place].get("normalized") for place in places):
         needed.append("normalised positions")
     if needed:
-        raise _damaged(
-            "mesh.variant_unknown",
-            f"its triangles need {', '.join(map(str, needed))}, which is not read",
-            path,
-        )
+        what = f"its triangles need {', '.join(map(str, needed))}, which is not read"
+        raise _damaged("mesh.variant_unknown", what, path)
 
 
 def _counted_from_the_first(content: bytes) -> bytes:

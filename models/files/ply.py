@@ -99,9 +99,8 @@ def read_header(path: Path) -> _Header:
     order, elements = _parsed(lines, path)
     names = [each.name for each in elements]
     if len(set(names)) < len(names):
-        raise _damaged(
-            "ply.name_repeated", f"the header declares {', '.join(names)}: one of them twice", path
-        )
+        what = f"the header declares {', '.join(names)}: one of them twice"
+        raise _damaged("ply.name_repeated", what, path)
     least = sum(
         each.count * sum(2 if not order else part.least_bytes for part in each.properties)
         for each in elements
@@ -109,17 +108,11 @@ def read_header(path: Path) -> _Header:
     # Of the last number in ASCII the line end may lack.
     if least > size - end.end() + (not order):
         counts = ", ".join(f"{each.count} {each.name}" for each in elements)
-        raise _damaged(
-            "file.truncated",
-            f"the header counts {counts}: at least {least} bytes, where {size - end.end()} follow it",
-            path,
-        )
-    return _Header(path, order, end[1].decode(), end.end(), tuple(elements), _remarks(lines))
-
-
-def _remarks(lines: list[str]) -> tuple[str, ...]:
+        what = f"the header counts {counts}: at least {least} bytes, where {size - end.end()} follow it"
+        raise _damaged("file.truncated", what, path)
     words = (line.strip().partition(" ") for line in lines)
-    return tuple(text.strip() for key, _, text in words if key in {"comment", "obj_info"})
+    remarks = tuple(text.strip() for key, _, text in words if key in {"comment", "obj_info"})
+    return _Header(path, order, end[1].decode(), end.end(), tuple(elements), remarks)
 
 
 def read_vertices(path: Path) -> dict[str, NDArray]:
@@ -173,9 +166,8 @@ def _vertex_rows(header: _Header) -> dict[str, NDArray]:
         return {}
     *before, element = header.elements[: names.index("vertex") + 1]
     if element.has_lists or any(each.has_lists for each in before if header.order):
-        raise _damaged(
-            "ply.list_before_vertex", "a list stands before or among the properties of 'vertex'", header.path
-        )
+        what = "a list stands before or among the properties of 'vertex'"
+        raise _damaged("ply.list_before_vertex", what, header.path)
     if header.order:
         at = header.data_at + sum(each.count * each.row(header.order).itemsize for each in before)
         rows = np.fromfile(header.path, element.row(header.order), element.count, offset=at)
@@ -234,9 +226,6 @@ def _parsed(lines: list[str], path: Path) -> tuple[str, list[_Element]]:
     for name, _, properties in elements:
         names = [each.name for each in properties]
         if not names or len(set(names)) < len(names):
-            raise _damaged(
-                "ply.element_unusable",
-                f"the element '{name[:60]}' has no properties, or two of one name",
-                path,
-            )
+            what = f"the element '{name[:60]}' has no properties, or two of one name"
+            raise _damaged("ply.element_unusable", what, path)
     return order, [_Element(name, count, tuple(properties)) for name, count, properties in elements]

@@ -141,11 +141,9 @@ def read_own(folder: Path, names: Iterable[str] = GEOMETRY, *, stated: bool = Fa
         name for name in there if (stated or files) and files.get(name) != digest.stated(folder / name)
     ]
     if len(foreign) == 1:
-        raise _foreign(
-            "scene.file_foreign", "is of another scene than the scene.json beside it", folder / foreign[0]
-        )
+        what = "is of another scene than the scene.json beside it"
+        raise _foreign("scene.file_foreign", what, folder / foreign[0])
     if foreign:
-        raise _foreign(
-            "scene.file_foreign", f"scene.json is of another scene than {', '.join(foreign)}", folder
-        )
+        what = f"scene.json is of another scene than {', '.join(foreign)}"
+        raise _foreign("scene.file_foreign", what, folder)
     return document

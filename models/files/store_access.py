@@ -185,9 +185,7 @@ class Store:
         return source.tell()
 
     def _move(self, hidden: str, target: str) -> None:
-        handler = getattr(
-            self._files, "handler", None
-        )  # of fsspec: Arrow's call of it asks for more than some can
+        handler = getattr(self._files, "handler", None)  # fsspec's: some cannot all that Arrow asks for
         move = self._files.move if handler is None else handler.fs.mv
         try:
             move(hidden, target)

@@ -93,9 +93,8 @@ class Table(TextFile):
                 (n, row) for n, row in found if any(row) and (n == first or not row[0].startswith(_REMARKS))
             ]
         except csv.Error as error:
-            raise no_table(
-                "table.unreadable", f"is no CSV ({error})", f"{path}:{first + reader.line_num}"
-            ) from None
+            what = f"is no CSV ({error})"
+            raise no_table("table.unreadable", what, f"{path}:{first + reader.line_num}") from None
         decimal, thousands = _signs_in_numbers(rows, sign, coordinates)
         if (decimal, thousands) != (".", None):
             rows = [(n, [_plain(cell, decimal, thousands) for cell in row]) for n, row in rows]

@@ -84,9 +84,8 @@ def check_bounds(path: Path) -> None:
     footer = pq.read_metadata(path)
     most = _LEAST_BOUND_BYTES + _BYTES_PER_BYTE * state.st_size
     if footer.num_rows > max(state.st_size, _LEAST_BOUND_ROWS):
-        raise _unbounded(
-            "table.too_large", f"counts {footer.num_rows:,} rows in {state.st_size:,} bytes", path
-        )
+        what = f"counts {footer.num_rows:,} rows in {state.st_size:,} bytes"
+        raise _unbounded("table.too_large", what, path)
     unpacked = decoded = 0
     repeated: set[int] = set()
     for group in range(footer.num_row_groups):
@@ -98,9 +97,8 @@ def check_bounds(path: Path) -> None:
             if repeats and column.num_values * column.total_uncompressed_size > most:
                 repeated.add(index)
     if max(unpacked, decoded) > most:
-        raise _unbounded(
-            "table.too_large", f"would take {max(unpacked, decoded) / 1e6:,.0f} MB of memory", path
-        )
+        what = f"would take {max(unpacked, decoded) / 1e6:,.0f} MB of memory"
+        raise _unbounded("table.too_large", what, path)
     for index in sorted(repeated):
         _check_repeated(path, footer.schema.column(index).path, most)
     _BOUNDED[str(path)] = stamp(state)
@@ -118,8 +116,5 @@ def _check_repeated(path: Path, name: str, most: int) -> None:
                     lengths = pc.binary_length(values.dictionary)
                     size += pc.sum(pc.take(lengths, values.indices)).as_py() or 0
                 if size > most:
-                    raise _unbounded(
-                        "table.too_large",
-                        f"repeats texts of more than {most / 1e6:,.0f} MB in column {name}",
-                        path,
-                    )
+                    what = f"repeats texts of more than {most / 1e6:,.0f} MB in column {name}"
+                    raise _unbounded("table.too_large", what, path)

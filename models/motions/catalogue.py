@@ -49,17 +49,12 @@ def meaning(name: str) -> dict[str, str]:
     name: With its unit at the end where it has one.
     """
     unit = next((unit for ending, unit in _UNITS.items() if name.endswith(ending)), "")
-    declared = MEASURES[name].description if name in MEASURES else _MEANINGS.get(name)
-    return {"unit": unit, "description": declared or _by_pattern(name)}
-
-
-def _by_pattern(name: str) -> str:
-    for pattern, text in _PATTERNS.items():
+    text = MEASURES[name].description if name in MEASURES else _MEANINGS.get(name, "")
+    for pattern, template in () if text else _PATTERNS.items():
         if found := re.match(pattern, name):
-            return text.format(
-                *({"a": "acceleration", "v": "velocity"}.get(part, part) for part in found.groups())
-            )
-    return ""
+            words = ({"a": "acceleration", "v": "velocity"}.get(part, part) for part in found.groups())
+            text = template.format(*words)
+    return {"unit": unit, "description": text}
 
 
 def ensemble_id(records: Iterable[tuple[str, str]]) -> str:

@@ -106,22 +106,17 @@ class Ensemble:
             check_bounds(path / MOTIONS)
             motions = pq.ParquetFile(path / MOTIONS, page_checksum_verification=True)
         except (pa.ArrowException, OSError) as error:
-            raise _ensemble_error(
-                "ensemble.unreadable", f"not readable as Parquet ({error})", path
-            ) from error
+            what = f"not readable as Parquet ({error})"
+            raise _ensemble_error("ensemble.unreadable", what, path) from error
         marks = [dict(schema.metadata or {}) for schema in (catalog.schema, motions.schema_arrow)]
         ids = {mark.get(b"toppling_ensemble") for mark in marks}
         if None in ids or len(ids) != 1:
-            raise _ensemble_error(
-                "ensemble.files_foreign", "catalogue and motions do not belong together", path
-            )
+            what = "catalogue and motions do not belong together"
+            raise _ensemble_error("ensemble.files_foreign", what, path)
         version = marks[0].get(b"version", b"").decode()
         if version != SCHEMA_VERSION:
-            raise _ensemble_error(
-                "document.schema_version",
-                f"it is of version {version}, this program reads {SCHEMA_VERSION}",
-                path,
-            )
+            what = f"it is of version {version}, this program reads {SCHEMA_VERSION}"
+            raise _ensemble_error("document.schema_version", what, path)
         _check_catalog(catalog, path)
         ensemble = cls(path, catalog)
         ensemble._motions = motions
@@ -152,7 +147,10 @@ class Ensemble:
         with new_file(path / CATALOG) as catalog, new_file(path / MOTIONS) as motions:
             with table_writer(motions, schema, use_dictionary=False) as writer:
                 for record in ordered:
-                    writer.write_table(_motion_row(record))
+                    a, step_s = record.motion.acceleration_m_s2, record.motion.time_step_s
+                    series = [pa.array([values], type=pa.list_(pa.float64())) for values in a.T]
+                    arrays = [pa.array([record.record_id]), pa.array([step_s]), *series]
+                    writer.write_table(pa.Table.from_arrays(arrays, schema=_MOTION_SCHEMA))
             write_table(_catalog(ordered).replace_schema_metadata(mark), catalog)
         return cls.load(path)
 
@@ -216,9 +214,8 @@ class Ensemble:
                 self._motions = pq.ParquetFile(self.folder / MOTIONS, page_checksum_verification=True)
             row = self._motions.read_row_group(index)
         if row.column("record_id")[0].as_py() != record_id:
-            raise _ensemble_error(
-                "ensemble.motion_foreign", f"row group {index} is not record {record_id!r}", self.folder
-            )
+            what = f"row group {index} is not record {record_id!r}"
+            raise _ensemble_error("ensemble.motion_foreign", what, self.folder)
         chunks = [row.column(f"acceleration_{axis}_m_s2").combine_chunks().flatten() for axis in "xyz"]
         columns = [np.from_dlpack(chunk) for chunk in chunks]  # `to_numpy` imports pandas: 45 MB of a worker
         motion = Motion(np.column_stack(columns), row.column("time_step_s")[0].as_py())
@@ -244,9 +241,8 @@ def _check_catalog(catalog: pa.Table, folder: Path) -> None:
     for name, kind in (*_IDENTITY, *_ORIGIN, ("strong_azimuth_deg", pa.float64()), *measures):
         at = catalog.schema.get_all_field_indices(name)
         if len(at) != 1 or catalog.schema.field(at[0]).type != kind:
-            raise _ensemble_error(
-                "ensemble.column_missing", f"the catalogue has no one column {name!r} of {kind}", folder
-            )
+            what = f"the catalogue has no one column {name!r} of {kind}"
+            raise _ensemble_error("ensemble.column_missing", what, folder)
         if name not in _MAY_BE_UNKNOWN and catalog.column(at[0]).null_count:
             raise _ensemble_error("ensemble.column_gaps", f"the catalogue's column {name!r} has gaps", folder)
     if len(catalog.column("record_id").unique()) < len(catalog):
@@ -260,25 +256,12 @@ def _refuse_other_motion(motion: Motion, entry: Mapping[str, Any], folder: Path)
     """Refuse samples that are not those of the catalogue: by its hash, and by the PGA that scales them."""
     name, stated = entry["record_id"], entry["pga_m_s2"]
     if motion_sha(motion, entry["strong_azimuth_deg"]) != entry["sha"]:
-        raise _ensemble_error(
-            "ensemble.motion_foreign",
-            f"the motion of {name!r} does not have the hash in the catalogue",
-            folder,
-        )
+        what = f"the motion of {name!r} does not have the hash in the catalogue"
+        raise _ensemble_error("ensemble.motion_foreign", what, folder)
     pga = float(np.hypot(*motion.acceleration_m_s2[:, :2].T).max())
     if not abs(stated - pga) <= _PGA_TOLERANCE * pga:
-        raise _ensemble_error(
-            "ensemble.motion_foreign",
-            f"the PGA of {name!r} is {pga:.6g} m/s2, {stated:.6g} in the catalogue",
-            folder,
-        )
-
-
-def _motion_row(record: Record) -> pa.Table:
-    a = record.motion.acceleration_m_s2
-    columns = [pa.array([a[:, axis]], type=pa.list_(pa.float64())) for axis in range(3)]
-    arrays = [pa.array([record.record_id]), pa.array([record.motion.time_step_s]), *columns]
-    return pa.Table.from_arrays(arrays, schema=_MOTION_SCHEMA)
+        what = f"the PGA of {name!r} is {pga:.6g} m/s2, {stated:.6g} in the catalogue"
+        raise _ensemble_error("ensemble.motion_foreign", what, folder)
 
 
 def _catalog(records: list[Record]) -> pa.Table:

@@ -125,12 +125,15 @@ def fetch(
     Raises InputError if the service knows none of the stations, or none has data.
     """
     inventory = _inventory(client, event, radius_km, stations, window)
-    found = [
-        (network.code, station)
-        for network in inventory
-        for station in network
-        if _is_asked_for(network.code, station, stations, event, radius_km)
-    ]
+    found = [(network.code, station) for network in inventory for station in network]
+    if stations:  # services combine every network with every station
+        found = [
+            (code, station)
+            for code, station in found
+            if any(fnmatchcase(f"{code}.{station.code}", pair) for pair in stations)
+        ]
+    elif event is not None and radius_km is not None:
+        found = [(code, station) for code, station in found if _epicentral_km(event, station) <= radius_km]
     advance(len(found))
     folder.mkdir(parents=True, exist_ok=True)
     asked = _Asked(client, folder, inventory, event, window)
@@ -172,15 +175,6 @@ def _write_table(rows: list[dict[str, Any]], asked: _Asked, missing: list[str]) 
         writer.writeheader()
         writer.writerows({key: plain(value) for key, value in row.items()} for row in rows)
     return table
-
-
-def _is_asked_for(
-    network: str, station: Any, stations: Sequence[str], event: Source | None, radius_km: float | None
-) -> bool:
-    """Whether a station of the answer was asked for: services combine every network with every station."""
-    if stations:
-        return any(fnmatchcase(f"{network}.{station.code}", pair) for pair in stations)
-    return event is None or radius_km is None or _epicentral_km(event, station) <= radius_km
 
 
 class _NothingError(Exception):

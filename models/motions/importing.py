@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from itertools import chain, takewhile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,7 +112,8 @@ def _prepared(name: str, channels: Triple, options: ImportOptions, entry: Entry 
             check_samples(component)
         check_apart(channels.channels)
     motion, azimuths, oriented_how = oriented(channels)
-    corrected = _corrected(channels)
+    by_file = [component.corrected for component in channels.channels]
+    corrected = False if False in by_file else None if None in by_file else True  # None where nobody says
     of_table = entry.corner_hz if entry else None
     corner_hz = of_table if options.corner_hz is None else options.corner_hz
     motion, quality, done = _processed(motion, corrected, options.process, corner_hz)
@@ -119,17 +121,16 @@ def _prepared(name: str, channels: Triple, options: ImportOptions, entry: Entry 
         done.append(f"resampled from {motion.time_step_s:g} to {options.time_step_s:g} s, low-passed before")
         motion = resample(motion, options.time_step_s)
     first = channels.first
-    event, station, magnitude, distance_km = (
-        (entry.event, entry.station, entry.magnitude, entry.distance_km) if entry else ("", "", None, None)
-    )
+
+    def stated(field: str) -> Any:
+        """Value of the table's row, else of the header."""
+        by_row = getattr(entry, field, None)
+        return getattr(first, field) if by_row in (None, "") else by_row
+
     warnings = tuple(dict.fromkeys(text for c in channels.channels for text in c.warnings))
     record = Record.of(
         name,
         motion,
-        event=event or first.event,
-        station=station or first.station,
-        magnitude=first.magnitude if magnitude is None else magnitude,
-        distance_km=first.distance_km if distance_km is None else distance_km,
         component_azimuths_deg=azimuths,
         history=[
             f"read as {first.file_format}",
@@ -141,8 +142,10 @@ def _prepared(name: str, channels: Triple, options: ImportOptions, entry: Entry 
         components=len(channels.channels),
         quality=quality,
         place=first.place,
+        **{field: stated(field) for field in ("event", "station", "magnitude", "distance_km")},
     )
-    shaking = Shaking(event.lower(), first.event.lower(), first.station.lower(), first.series, first.start_s)
+    by_table = entry.event.lower() if entry else ""
+    shaking = Shaking(by_table, first.event.lower(), first.station.lower(), first.series, first.start_s)
     unit = first.stated_unit_m_s2 or (entry.unit_m_s2 if entry else None)
     baseline = quality not in {"uncorrected", "drifting"}
     measures = {**record.intensity}
@@ -181,12 +184,6 @@ def _refuse_elsewhere(group: Sequence[Component], options: ImportOptions) -> Non
             expected="a sensor in the free field, which records the ground's motion",
             remedy="leave it out, or import it with --place any",
         )
-
-
-def _corrected(channels: Triple) -> bool | None:
-    """Whether the agency has corrected all channels; None if nobody says."""
-    stated = [component.corrected for component in channels.channels]
-    return False if False in stated else None if None in stated else True
 
 
 def _processed(
@@ -429,7 +426,9 @@ def _are_one(a: Candidate, b: Candidate) -> bool:
     for name in ("pga_m_s2", "pgv_m_s"):
         if abs(np.log(b.record.intensity[name] / a.record.intensity[name])) > _LIKE_PEAKS:
             return False
-    return _likeness(_length(a.record), _length(b.record)) > _LIKE_SHAPE
+    x, y = _length(a.record), _length(b.record)
+    likeness = correlate(x, y, method="fft").max() / np.sqrt((x @ x) * (y @ y))
+    return bool(likeness > _LIKE_SHAPE)
 
 
 def _length(record: Record) -> NDArray[np.float64]:
@@ -440,8 +439,3 @@ def _length(record: Record) -> NDArray[np.float64]:
     time = np.arange(np.ceil(record.motion.duration_s / _COMPARED_STEP_S) + 1) * _COMPARED_STEP_S
     horizontal = record.motion.mean_between(time)[:, :2]
     return np.hypot(horizontal[:, 0], horizontal[:, 1])
-
-
-def _likeness(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
-    """Largest correlation over all shifts in time, 1 for the same shape."""
-    return float(correlate(a, b, method="fft").max() / np.sqrt((a @ a) * (b @ b)))

@@ -78,10 +78,9 @@ def rotated_peaks(horizontal: ArrayLike) -> NDArray[np.float64]:
     Returns (180,) array: its median is RotD50, its maximum RotD100.
     """
     points = np.asarray(horizontal, float)
-    coarse = [np.abs(_along(points, angle)).argmax() for angle in np.deg2rad(np.arange(0, 180, 22.5))]
-    least = _rotated(
-        points[coarse]
-    ).min()  # nowhere is the peak smaller: points nearer than this reach it nowhere
+    angles = np.deg2rad(np.arange(0.0, 180.0, 22.5))
+    coarse = np.abs(points @ np.stack([np.cos(angles), np.sin(angles)])).argmax(axis=0)
+    least = _rotated(points[coarse]).min()  # no peak is smaller: nearer points reach none
     outer = points[np.hypot(points[:, 0], points[:, 1]) >= least]
     if len(outer) > 2000:  # nearly along one line
         try:
@@ -89,10 +88,6 @@ def rotated_peaks(horizontal: ArrayLike) -> NDArray[np.float64]:
         except QhullError:  # exactly along one line: its ends are extreme in x or in y
             outer = outer[[*outer.argmin(axis=0), *outer.argmax(axis=0)]]
     return _rotated(outer)
-
-
-def _along(points: NDArray[np.float64], angle_rad: float) -> NDArray[np.float64]:
-    return points[:, 0] * np.cos(angle_rad) + points[:, 1] * np.sin(angle_rad)
 
 
 def _rotated(points: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -28,32 +28,21 @@ from toppling.models.motions.formats.units import counted_unit, known_names
 from toppling.models.motions.stations import Triple, triple
 
 _COLUMNS = {
-    "record_id": ("record_id", "rec_id"),
-    "event": ("event", "earthquake_name"),
-    "station": ("station", "station_name"),
-    "magnitude": ("magnitude", "mag", "mw", "mag_mw", "magnitude_mw"),
-    "distance_km": (
-        "distance_km",
-        "dist_km",
-        "rrup_km",
-        "rjb_km",
-        "repi_km",
-        "rhyp_km",
-        "epicentral_distance_km",
-    ),
-    "h1": ("h1", "horizontal-1_acc._filename"),
-    "h2": ("h2", "horizontal-2_acc._filename"),
-    "v": ("v", "vertical_acc._filename"),
-    "unit": ("unit", "units"),
-    "time_step_s": ("time_step_s", "dt", "dt_s"),
-    "processing": ("processing",),
-    "corner_hz": ("corner_hz",),
-    "h1_azimuth": ("h1_azimuth",),
-    "h2_azimuth": ("h2_azimuth",),
-    "pga_h1": ("pga_h1_m_s2", "pga_h1"),
-    "pga_h2": ("pga_h2_m_s2", "pga_h2"),
-    "pga_v": ("pga_v_m_s2", "pga_v"),
-}
+    key: f"{key} {other_names}".split()
+    for key, other_names in {
+        "record_id": "rec_id",
+        "event": "earthquake_name",
+        "station": "station_name",
+        "magnitude": "mag mw mag_mw magnitude_mw",
+        "distance_km": "dist_km rrup_km rjb_km repi_km rhyp_km epicentral_distance_km",
+        "h1": "horizontal-1_acc._filename",
+        "h2": "horizontal-2_acc._filename",
+        "v": "vertical_acc._filename",
+        "unit": "units",
+        "time_step_s": "dt dt_s",
+        **dict.fromkeys(("processing", "corner_hz", "h1_azimuth", "h2_azimuth"), ""),
+    }.items()
+} | {key: [f"{key}_m_s2", key] for key in ("pga_h1", "pga_h2", "pga_v")}
 """What is read, and the names that a table, or PEER's, may give it in any case; other columns are left alone."""
 
 _UNCORRECTED = ("uncorrected", "raw")

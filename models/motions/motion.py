@@ -41,13 +41,11 @@ class Motion:
             raise _motion_error("motion.shape_unusable", what, "(n, 3) with n >= 2: x, y, z in columns")
         if not np.isfinite(values).all():
             row = int(np.argwhere(~np.isfinite(values))[0, 0])
-            raise _motion_error(
-                "motion.not_finite", f"acceleration at sample {row} is {values[row]}", "finite numbers"
-            )
+            what = f"acceleration at sample {row} is {values[row]}"
+            raise _motion_error("motion.not_finite", what, "finite numbers")
         if not (np.isfinite(time_step_s) and time_step_s > 0):
-            raise _motion_error(
-                "motion.step_unusable", f"the time step is {time_step_s}", "a positive number of seconds"
-            )
+            what = f"the time step is {time_step_s}"
+            raise _motion_error("motion.step_unusable", what, "a positive number of seconds")
         if not _SHORTEST_STEP_S <= time_step_s <= _LONGEST_S / len(values):
             raise _motion_error(
                 "motion.duration_out_of_range",
@@ -55,11 +53,8 @@ class Motion:
                 f"steps of at least {_SHORTEST_STEP_S:g} s, and a motion of at most {_LONGEST_S:g} s",
             )
         if (most := np.abs(values).max()) > _LARGEST_M_S2:
-            raise _motion_error(
-                "motion.too_strong",
-                f"the acceleration reaches {most:g} m/s2",
-                f"at most {_LARGEST_M_S2:g} m/s2",
-            )
+            what = f"the acceleration reaches {most:g} m/s2"
+            raise _motion_error("motion.too_strong", what, f"at most {_LARGEST_M_S2:g} m/s2")
         values.setflags(write=False)
         object.__setattr__(self, "acceleration_m_s2", values)
         object.__setattr__(self, "time_step_s", float(time_step_s))

@@ -115,7 +115,12 @@ def process(motion: Motion, corner_hz: float | None = None) -> tuple[Motion, tup
     """
     centred = motion.acceleration_m_s2 - motion.acceleration_m_s2.mean(axis=0)
     start = taper(Motion(centred, motion.time_step_s))
-    chosen, how = (corner_hz, "as asked") if corner_hz is not None else _corner_by_displacement(start)
+    chosen, how = corner_hz, "as asked"
+    if chosen is None:
+        passing = (corner for corner in _CORNERS_HZ if _displacement_drift(start, corner) <= _DRIFT_SHARE)
+        chosen, how = next(passing, None), "lowest that passes the displacement check"
+    if chosen is None:
+        chosen, how = _CORNERS_HZ[-1], DRIFTS
     history = (
         "mean removed",
         f"cosine taper of {_TAPER_SHARE:.0%} at each end",
@@ -145,11 +150,3 @@ def drifts(motion: Motion) -> bool:
     level = np.ptp(ground[start:], axis=0) <= _LEVEL_SHARE * peak
     carried = peak <= _CARRIED_S * np.abs(velocity_m_s(motion)).max(axis=0)
     return not (returns | level & carried).all()
-
-
-def _corner_by_displacement(motion: Motion) -> tuple[float, str]:
-    """Lowest corner whose displacement is quiet at the end, else the highest tried, and which it is."""
-    for corner in _CORNERS_HZ:
-        if _displacement_drift(motion, corner) <= _DRIFT_SHARE:
-            return corner, "lowest that passes the displacement check"
-    return _CORNERS_HZ[-1], DRIFTS

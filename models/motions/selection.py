@@ -163,10 +163,5 @@ def hazard_weights(
 def _bin_of(magnitude: float | None, distance_km: float | None, bins: Sequence[Bin]) -> Bin | None:
     if magnitude is None or distance_km is None:
         return None
-    for b in bins:
-        if (
-            b.magnitude[0] <= magnitude < b.magnitude[1]
-            and b.distance_km[0] <= distance_km < b.distance_km[1]
-        ):
-            return b
-    return None
+    of_magnitude = (b for b in bins if b.magnitude[0] <= magnitude < b.magnitude[1])
+    return next((b for b in of_magnitude if b.distance_km[0] <= distance_km < b.distance_km[1]), None)

@@ -101,8 +101,8 @@ class unam:  # noqa: N801
             what = f"UNIDADES DE LOS DATOS is {header.get('UNIDADES DE LOS DATOS')!r}"
             file.refuse("record.unit_unknown", at, what, "Gal (cm/s/s)")
         labels, steps, counts = _channels(file, header)
-        numbered = (i for i in range(at + 1, len(lines)) if _is_row(lines[i]))
-        first = next(numbered, len(lines))
+        words = ((i, lines[i].replace(",", ".").split()) for i in range(at + 1, len(lines)))
+        first = next((i for i, row in words if row and all(map(is_numeral, row))), len(lines))
         count = int(RecordText(file.path, [counts[0]]).numbers(0)[0])
         found = file.counted(first, count, first, channels=len(labels))
         if len(found.values) % len(labels):
@@ -209,10 +209,6 @@ def _refuse_gap(file: RecordText, first: int, time: NDArray[np.float64], step: f
         before, after = time[wrong[0]], time[wrong[0] + 1]
         what = f"the time goes from {before:g} to {after:g} s where the step is {step:g} s"
         file.refuse("record.step_uneven", first + int(wrong[0]) + 1, what, "equal time steps")
-
-
-def _is_row(line: str) -> bool:
-    return bool(line.strip()) and all(is_numeral(word.replace(",", ".")) for word in line.split())
 
 
 def _channels(file: RecordText, header: dict[str, str]) -> tuple[list[str], list[str], list[str]]:

@@ -57,9 +57,7 @@ def responses(path: Path) -> Any:
     """
     import obspy
 
-    content = bytes_given(path, no_record, _LARGEST_XML_BYTES).rstrip(
-        b"\0\x1a\x0c \t\r\n"
-    )  # as of every text
+    content = bytes_given(path, no_record, _LARGEST_XML_BYTES).rstrip(b"\0\x1a\x0c \t\r\n")
     if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
         what, expected = (
             "declares entities, which may name other files",

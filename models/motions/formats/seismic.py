@@ -205,6 +205,7 @@ def _component(trace: Any, messages: tuple[str, ...], path: Path, inventory: Any
         file.exactly(_KNET_DURATION_AT, values, _counted(file, float(own["duration"]), stats.sampling_rate))
     found = _in_m_s2(trace, values, inventory, path)
     direction, contradiction = _direction(stats, inventory)
+    height_m = float(own.get("stel", _NO_HEIGHT_M))
     return Component(
         acceleration_m_s2=found.values,
         time_step_s=round(float(stats.delta), 9),
@@ -221,7 +222,7 @@ def _component(trace: Any, messages: tuple[str, ...], path: Path, inventory: Any
         magnitude=float(own["mag"]) if "mag" in own else None,
         stated_peak_m_s2=0.01 * abs(float(own["accmax"])) if "accmax" in own else None,
         place=_place(stats, inventory),
-        elevation_m=float(own["stel"]) if _known_height(own) else None,
+        elevation_m=height_m if height_m > _NO_HEIGHT_M else None,
         start_s=float(stats.starttime.timestamp),
         notes=found.notes,
         warnings=(*messages, *found.warnings, *contradiction),
@@ -240,10 +241,6 @@ def _place(stats: Any, inventory: Any | None) -> Place:
             depth = at_depth(float(station[0].depth or 0.0))
             return place_in_name(station.site.name or "") if depth.free_field else depth
     return at_depth(float((stats.get("sac") or {}).get("stdp", 0.0)))
-
-
-def _known_height(own: Any) -> bool:
-    return "stel" in own and float(own["stel"]) > _NO_HEIGHT_M
 
 
 def _counted(file: RecordText, duration_s: float, rate_hz: float) -> int:

@@ -76,9 +76,8 @@ _SPELLINGS = (
 def _folded(name: str) -> str:
     """Name of a unit without case, blanks, and the ways to write a power: 'M/S**2 ', 'm s-2', 'm/s²' are 'm/s2'."""
     text = unicodedata.normalize("NFKC", _DESCRIBED.sub("", name.strip()[:_LONGEST]))
-    text = (
-        text.replace("\u2215", "/").replace("\u2212", "-").lower().replace("ý", "2")
-    )  # the square of DOS' code pages, read in those of Windows
+    # The last is the square of DOS' code pages, read in those of Windows.
+    text = text.replace("\u2215", "/").replace("\u2212", "-").lower().replace("ý", "2")
     text = re.sub(r"\s+", "", text).strip("\"'[]{},;:.")
     text = text.replace("(", "").replace(")", "")
     for pattern, word in (*_WORDS, *_SPELLINGS):

@@ -19,7 +19,7 @@ from toppling.models.motions.formats.record_text import (
 )
 from toppling.models.motions.formats.units import acceleration_m_s2
 from toppling.models.motions.measures import STANDARD_G_M_S2
-from toppling.models.motions.place import FREE_FIELD, Place, place_in_words
+from toppling.models.motions.place import FREE_FIELD, place_in_words
 
 NAME = "CSMIP, USC, RENADIC or BHRC V1/V2"
 _HEADER_LINES = 27
@@ -87,7 +87,12 @@ def _channel(file: RecordText) -> Component:
     else:
         first, unit_m_s2 = _HEADER_LINES, 0.1 * STANDARD_G_M_S2
         found, step, notes = _headed_by_count(file)
-    label = _label(file)
+    channel = first_found(_CHANNEL, lines[:12])
+    if channel is None:
+        what = "no line 'CHAN' or 'COMP' names the component"
+        file.refuse("record.component_unnamed", 0, what, "a component such as 'CHAN 1: 90 DEG'")
+    label = _BEHIND_LABEL.sub("", channel[1]).strip()
+    location = _BEHIND_LABEL.search(channel[1])  # of the sensor, behind the component's direction
     dialect = _dialect(lines, corrected)
     event, series = _event(lines, dialect)
     magnitude = first_found(_MAGNITUDE, lines[:15])
@@ -105,7 +110,7 @@ def _channel(file: RecordText) -> Component:
         magnitude=float(magnitude[1]) if magnitude else None,
         stated_peak_m_s2=stated_peak_m_s2(lines[:first]),
         series=series,
-        place=_place(file),
+        place=(location and place_in_words(location[0])) or FREE_FIELD,
         notes=notes,
     )
 
@@ -163,21 +168,6 @@ def _uncontrolled(body: Sequence[str]) -> list[str]:
         0,
     )
     return [text[offset:] for text in body if text.strip()]
-
-
-def _label(file: RecordText) -> str:
-    match = first_found(_CHANNEL, file.lines[:12])
-    if match is None:
-        what = "no line 'CHAN' or 'COMP' names the component"
-        file.refuse("record.component_unnamed", 0, what, "a component such as 'CHAN 1: 90 DEG'")
-    return _BEHIND_LABEL.sub("", match[1]).strip()
-
-
-def _place(file: RecordText) -> Place:
-    """Place by the sensor's location, which stands behind the component's direction."""
-    match = first_found(_CHANNEL, file.lines[:12])
-    behind = _BEHIND_LABEL.search(match[1]) if match else None
-    return (behind and place_in_words(behind[0])) or FREE_FIELD
 
 
 def _direction(label: str, lines: Sequence[str]) -> float | str | None:

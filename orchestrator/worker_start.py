@@ -15,7 +15,6 @@ _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM
 
 _ENVIRONMENT = _ONE_THREAD | {
     "PYTHONSAFEPATH": "1",  # nothing is imported from the folder that it happens to be started in
-    "MALLOC_TRIM_THRESHOLD_": "65536",
     "DASK_LOGGING__DISTRIBUTED": "error",  # a worker's own faults are reported by the run
 }
 

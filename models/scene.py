@@ -31,7 +31,7 @@ from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock, check_size, check_triangles, nearby_origin_m
 from toppling.models.rounded.base import RollingBody, RoundedBase, refined, rounded_base_of
 from toppling.models.shapes import box
-from toppling.models.statics import quasi_static_toppling_m_s2
+from toppling.models.statics import Limits, quasi_static_toppling_m_s2, slides_m_s2
 
 if TYPE_CHECKING:
     from toppling.models.ground.body import GroundedBody
@@ -234,36 +234,43 @@ class Scene(Described):
         smooth = self.rounded_base is not None and self.rounded_base.rolls
         return grounded_body(self.rock, self.pedestal, self.gravity_m_s2, friction, smooth)
 
-    def quasi_static_toppling_m_s2(
-        self, ground_accelerates_toward_deg: Iterable[float | str]
-    ) -> list[tuple[float, float]]:
-        """Least constant horizontal ground acceleration that topples the rock, by azimuths or bearings such as "N40E".
+    def statics(self, ground_accelerates_toward_deg: Iterable[float | str]) -> list[Limits]:
+        """Accelerations at which the rock tips and slides, by azimuths or bearings such as "N40E".
 
-        On a plane without slip (:mod:`toppling.models.statics`, for a rounded base
-        :mod:`toppling.models.rounded.base`); on a surface the largest with an equilibrium within friction cones, in
-        the rest pose or one that the rock reaches quasi-statically. 0 where the rock does not stand by itself.
-
-        Returns
-        -------
-        list of (ground_accelerates_toward_deg, acceleration_m_s2)
+        On a plane by :mod:`toppling.models.statics`, for a rounded base :mod:`toppling.models.rounded.base`, on a
+        surface :mod:`toppling.models.tipping`, where a rock that does not stand by itself has zeros.
         """
-        azimuths = [azimuth_of(azimuth) for azimuth in ground_accelerates_toward_deg]
-        if (rolling := self.rolling_body) is not None:
-            return list(zip(azimuths, rolling.toppling_m_s2(np.array(azimuths)).tolist(), strict=True))
-        if self.ground.is_plane:
-            return quasi_static_toppling_m_s2(self.rock, self.pedestal, self.gravity_m_s2, azimuths)
-        from toppling.models.tipping import largest_held_m_s2
+        azimuths = [azimuth_of(each) for each in ground_accelerates_toward_deg]
+        if not self.ground.is_plane:
+            from toppling.models.tipping import limits_on_surface
 
-        return largest_held_m_s2(self.grounded, azimuths)
+            return limits_on_surface(self.grounded, azimuths)
+        normal, g = self.pedestal.normal, self.gravity_m_s2
+        if (rolling := self.rolling_body) is not None:
+            tips = rolling.toppling_m_s2(azimuths)
+        else:
+            tips = np.array([a for _, a in quasi_static_toppling_m_s2(self.rock, self.pedestal, g, azimuths)])
+        slides = slides_m_s2(normal, g, self.contact.friction_static, np.array(azimuths))
+        return list(map(Limits, azimuths, tips.tolist(), np.where(slides < tips, slides, np.inf).tolist()))
+
+    def tips_m_s2(self, ground_accelerates_toward_deg: Iterable[float | str]) -> list[tuple[float, float]]:
+        """Least constant horizontal ground acceleration that topples the rock without slip.
+
+        Returns list of (ground_accelerates_toward_deg, acceleration_m_s2): 0 where the rock does not stand by itself,
+        infinite where no acceleration topples it.
+        """
+        return [row[:2] for row in self.statics(ground_accelerates_toward_deg)]
+
+    def slides_m_s2(self, ground_accelerates_toward_deg: Iterable[float | str]) -> list[tuple[float, float]]:
+        """Least one at which static friction does not hold the rock before it tips; infinite where it does."""
+        return [(row[0], row[2]) for row in self.statics(ground_accelerates_toward_deg)]
+
+    quasi_static_toppling_m_s2 = tips_m_s2
 
     @cached_property
-    def _stated_toppling_m_s2(self) -> list[tuple[float, float]]:
-        """Values for `scene.json`: for a base drawn over a surface, those of the scan."""
-        known = self.report.get("unseen_base", {}).get("nominal_m_s2")
-        if known is not None and not self.ground.is_plane:
-            return list(zip(np.arange(0.0, 360.0, 360.0 / len(known)).tolist(), known, strict=True))
-        # On surfaces an azimuth takes a tenth of a second.
-        return self.quasi_static_toppling_m_s2(np.arange(0.0, 360.0, 5.0 if self.ground.is_plane else 15.0))
+    def _stated(self) -> list[Limits]:
+        """Values for `scene.json`; on a surface an azimuth takes some hundredths of a second."""
+        return self.statics(np.arange(0.0, 360.0, 5.0 if self.ground.is_plane else 15.0))
 
     @cached_property
     def id(self) -> str:
@@ -333,8 +340,9 @@ class Scene(Described):
             "contact": dataclasses.asdict(self.contact),
             "ground": dataclasses.asdict(self.ground),
             **({} if self.unseen is None else {"bases": {"file": BASES, "draws": len(self.unseen)}}),
-            "quasi_static_toppling_m_s2": [
-                {"azimuth_deg": azimuth, "value": value} for azimuth, value in self._stated_toppling_m_s2
+            "statics": [
+                {"azimuth_deg": azimuth, "tips_m_s2": tips, "slides_m_s2": slides}
+                for azimuth, tips, slides in self._stated
             ],
             "report": report,
         }

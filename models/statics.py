@@ -6,6 +6,7 @@ All functions apply to the interface plane; an uneven surface has a support poly
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,13 +27,26 @@ from toppling.models.support import (
 )
 
 __all__ = [
-    "CONTACT_SHARE_OF_HEIGHT", "EQUILIBRIUM_MARGIN", "TOPPLED_FALL", "TOPPLED_TILT_DEG", "at_rest",
-    "equilibrium_possible", "holds_still", "lift_off_m_s2", "polygon", "quasi_static_toppling_m_s2",
+    "CONTACT_SHARE_OF_HEIGHT", "EQUILIBRIUM_MARGIN", "TOPPLED_FALL", "TOPPLED_TILT_DEG", "Limits", "at_rest",
+    "equilibrium_possible", "holds_still", "lift_off_m_s2", "polygon", "quasi_static_toppling_m_s2", "slides_m_s2",
     "support_polygon_m", "tipping_m_s2",
 ]  # fmt: skip
 
 EQUILIBRIUM_MARGIN = 1e-9
 """Relative margin by which each condition of :func:`equilibrium_possible` must be satisfied."""
+
+
+class Limits(NamedTuple):
+    """Limits of a constant horizontal ground acceleration, slowly applied, toward an azimuth.
+
+    tips_m_s2: the largest at which the rock is at rest without slip, in its pose or in one into which it tips without
+    gathering speed. Zero where gravity alone topples it, infinite where no acceleration of this azimuth does.
+    slides_m_s2: the least at which static friction does not hold it on its way there; infinite where it always does.
+    """
+
+    ground_accelerates_toward_deg: float
+    tips_m_s2: float
+    slides_m_s2: float
 
 
 def support_polygon_m(rock: Rock, pedestal: Pedestal) -> Array:
@@ -75,6 +89,24 @@ def quasi_static_toppling_m_s2(
     """
     seat = Seat.of(rock, pedestal)
     return [(float(az), seat.path(gravity_m_s2, float(az))[1]) for az in azimuths_deg]
+
+
+def slides_m_s2(normal: Array, gravity_m_s2: float, friction_static: float, azimuths_deg: Array) -> Array:
+    """Least constant horizontal ground accelerations (n,) at which a rock slips on a plane, in whatever pose.
+
+    The pull g - a is on the border of the friction cone about the plane's normal (3,): a quadratic equation. Zero where
+    gravity alone lets it slip.
+    """
+    across = -horizontal_unit_vector(azimuths_deg) @ normal
+    cone, pressing = 1.0 + friction_static**2, gravity_m_s2 * normal[2]
+    a, b = 1.0 - cone * across**2, cone * pressing * across
+    c = gravity_m_s2**2 - cone * pressing**2
+    if c >= 0.0:
+        return np.zeros(len(across))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        root = np.sqrt(b * b - a * c)
+        roots = np.stack([-c / (b + root), -c / (b - root)])  # these stay exact where a vanishes
+    return np.where(roots > 0.0, roots, np.inf).min(axis=0)
 
 
 def at_rest(rock: Rock, pedestal: Pedestal, gravity_m_s2: float) -> tuple[Array, Array] | None:

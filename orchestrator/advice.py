@@ -151,9 +151,14 @@ def _of_statics(campaign: Campaign, statics: Statics, scene: Scene) -> list[str]
 
 
 def least_static(statics: Statics) -> str:
-    """Describe the least static toppling acceleration with its azimuth."""
-    azimuth = statics.azimuth_deg
-    return f"{statics.least_m_s2:.3g} m/s2, ground toward azimuth {azimuth:.0f}°, compass {compass_deg(azimuth):.0f}°"
+    """Describe the least static toppling acceleration with its azimuth, and where the rock slides before it tips."""
+    azimuth, slides = statics.azimuth_deg, statics.slides_m_s2
+    found = f"{statics.least_m_s2:.3g} m/s2, ground toward azimuth {azimuth:.0f}°, compass {compass_deg(azimuth):.0f}°"
+    return (
+        found
+        if math.isinf(slides)
+        else f"{found}; toward some azimuths it slides before, from {slides:.3g} m/s2"
+    )
 
 
 def suggestions(levels: Sequence[LevelCount]) -> list[str]:

@@ -27,10 +27,11 @@ _HIGHEST_M_S2, _HIGHEST_OVER_LEAST = 20.0, 4.0
 
 @dataclass(frozen=True)
 class Statics:
-    """Least constant ground acceleration that topples a settled rock, with its azimuth."""
+    """Least constant ground acceleration that tips a settled rock, with its azimuth, and that slides it before."""
 
     least_m_s2: float
     azimuth_deg: float
+    slides_m_s2: float = math.inf  # of all azimuths the least; infinite where it tips toward each
 
 
 @dataclass(frozen=True)
@@ -56,11 +57,10 @@ class Pilot:
 
 def statics_of(scene: Scene) -> Statics:
     """Statics of the settled rock; infinite where no constant acceleration topples it."""
-    stands = settled(scene)
-    azimuths = range(0, 360, _AZIMUTH_STEP_DEG)
-    found = stands.quasi_static_toppling_m_s2(azimuths)
-    azimuth_deg, least_m_s2 = min(found, key=lambda pair: pair[1])
-    return Statics(least_m_s2, azimuth_deg)
+    found = settled(scene).statics(range(0, 360, _AZIMUTH_STEP_DEG))
+    weakest = min(found, key=lambda row: row.tips_m_s2)
+    slides_m_s2 = min(row.slides_m_s2 for row in found)
+    return Statics(weakest.tips_m_s2, weakest.ground_accelerates_toward_deg, slides_m_s2)
 
 
 def _spread_records(ensemble: Ensemble, count: int) -> list[str]:

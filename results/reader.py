@@ -309,7 +309,10 @@ class Run(Described):
         return tuple(map(sum, zip(scene["origin_m"], scene["rock"]["com_m"], strict=True)))
 
     def quasi_static(self) -> pd.DataFrame | None:
-        """Least constant ground acceleration (`value`, m/s2) that topples, by `ground_accelerates_toward_deg`."""
+        """Least constant ground acceleration (`value`, m/s2) that topples, by `ground_accelerates_toward_deg`.
+
+        Without slip; beside it `slides_m_s2`, at which the rock slides before, missing where it does not.
+        """
         table = None if self.rocks else self.scene()
         return (
             None
@@ -372,9 +375,10 @@ def _scene_table(document: dict[str, Any], site: dict[str, Any]) -> pa.Table:
         {
             "ground_accelerates_toward_deg": row["azimuth_deg"],
             "falls_toward_deg": (row["azimuth_deg"] + 180.0) % 360.0,
-            "value": row["value"],
+            "value": row["tips_m_s2"],
+            "slides_m_s2": row["slides_m_s2"],
         }
-        for row in document["quasi_static_toppling_m_s2"]
+        for row in document["statics"]
     ]
     least = min((row["value"] for row in statics if row["value"] is not None), default=None)
     static, kinetic, bounce = (
@@ -395,8 +399,8 @@ def _scene_table(document: dict[str, Any], site: dict[str, Any]) -> pa.Table:
         ("default_friction_static", static, "1", "static friction of the scene; a campaign states its own"),
         ("default_friction_kinetic", kinetic, "1", "kinetic friction of the scene; a campaign states its own"),
         ("default_restitution", bounce, "1", "restitution of the scene; a campaign takes what it states, or 0"),
-        ("least_quasi_static_m_s2", least, "m/s2", "least constant ground acceleration that topples"),
-        ("quasi_static_toppling", statics, "deg, m/s2", "least toppling acceleration by azimuth of the ground's"),
+        ("least_quasi_static_m_s2", least, "m/s2", "least constant ground acceleration that tips it"),
+        ("quasi_static_toppling", statics, "deg, m/s2", "tipping and sliding acceleration by azimuth of the ground's"),
     ]
     # fmt: on
     kinds = {"longitude": pa.float64(), "latitude": pa.float64(), "age": pa.string()}

@@ -25,7 +25,7 @@ from toppling.models.hidden_base.gap import encloses
 from toppling.models.hidden_base.inspection import Inspection
 from toppling.models.hidden_base.next_look import observations
 from toppling.models.hidden_base.observed import check_on_interface, hidden_part
-from toppling.models.hidden_base.statics import FRICTION, on_plane
+from toppling.models.hidden_base.statics import FRICTION
 from toppling.models.hidden_base.underside import LEAST_GAP_PER_HEIGHT, Base, Underside, hidden_base
 from toppling.models.kept import kept
 from toppling.models.pedestal import Pedestal
@@ -154,12 +154,7 @@ def base_unseen(
         return rock, unseen, report | {"nominal_at_rest": as_said or number is not None}
     as_said &= interface.is_plane  # over the plane as a surface it may stand as it was closed
     rock, unseen, number = _bases_on_surface(drawn, rock, smooth, interface, observed.height_m, as_said)
-    nominal = None if number is None else drawn.toppling_m_s2[number]
-    if as_said:
-        nominal = on_plane(rock, interface, AZIMUTHS_DEG)
-    report["nominal_at_rest"] = nominal is not None
-    report["nominal_m_s2"] = None if nominal is None else nominal.tolist()
-    return rock, unseen, report
+    return rock, unseen, report | {"nominal_at_rest": as_said or number is not None}
 
 
 def _unaided(

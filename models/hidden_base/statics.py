@@ -6,23 +6,22 @@ import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError, cKDTree
+from scipy.spatial import ConvexHull, cKDTree
 from scipy.spatial.transform import Rotation
 
 from toppling.models.arrays import Array
 from toppling.models.contact import ContactProperties
 from toppling.models.facet_path import Seat
 from toppling.models.frames import STANDARD_GRAVITY_M_S2, horizontal_unit_vector
-from toppling.models.ground.equilibrium import farthest_load, wrenches
 from toppling.models.hidden_base.draws import feet_above_m, least_feet
 from toppling.models.hidden_base.gap import GapDraw
 from toppling.models.hidden_base.near_interface import SIDE_TANGENT
 from toppling.models.hidden_base.observed import HiddenPart, clearances
 from toppling.models.hidden_base.underside import Base
 from toppling.models.pedestal import Pedestal
+from toppling.models.pivots import tips_m_s2
 from toppling.models.rock import Rock
 from toppling.models.scan.interface import Interface
-from toppling.models.statics import quasi_static_toppling_m_s2
 
 FRICTION = ContactProperties().friction_static
 """With which every scanned scene stands unless it is told otherwise."""
@@ -65,8 +64,8 @@ class DrawStatics:
         rock = dataclasses.replace(self.rock, com_m=com_m, feet_m=self.interface.scene(feet))
         plane = Pedestal(self.interface.point_m, self.interface.normal)
         if not self.interface.is_plane:
-            held = held_on_surface(rock, low, self.interface, azimuths_deg)
-            return held, held
+            tips = tips_on_surface(rock, low, self.interface, azimuths_deg)
+            return tips, tips
         seat = Seat.of(rock, plane)
         lift_off, toppling = zip(
             *(seat.path(STANDARD_GRAVITY_M_S2, azimuth) for azimuth in azimuths_deg), strict=True
@@ -111,21 +110,14 @@ def _hull_over(rock: Rock, interface: Interface) -> Array:
     return over[ConvexHull(over).vertices]
 
 
-def on_plane(rock: Rock, interface: Interface, azimuths_deg: Array) -> Array:
-    """Quasi-static toppling accelerations (n,) of a rock on the interface plane, m/s2."""
-    plane = Pedestal(interface.point_m, interface.normal)
-    found = quasi_static_toppling_m_s2(rock, plane, STANDARD_GRAVITY_M_S2, azimuths_deg)
-    return np.array(found)[:, 1]
-
-
-def held_on_surface(
+def tips_on_surface(
     rock: Rock, contacts: Array, interface: Interface, azimuths_deg: tuple[float, ...]
 ) -> Array:
-    """Largest ground accelerations (n,) that the contacts hold in one of the rests on the way to toppling, m/s2.
+    """Ground accelerations (n,) at which a rock tips without slip over its contacts with a surface, m/s2.
 
-    The rests follow from the clearances of the rock's feet, which close with small turns as over a plane; what each of
-    them holds follows from friction cones where the contacts (m, 3: u, v, clearance), of which the feet are the
-    outermost, then touch, along the surface's normals: on facets friction acts within the outline too.
+    The rests on the way to toppling follow from the clearances of the rock's feet, which close with small turns as over
+    a plane; at which acceleration it leaves each of them, from where the contacts (m, 3: u, v, clearance), of which the
+    feet are the outermost, then touch, along the surface's normals: on facets those within the outline count too.
     """
     seat = Seat.of(rock, Pedestal(interface.point_m, interface.normal))
     down, places = interface.axes.T, contacts + interface.rise(contacts)
@@ -133,25 +125,23 @@ def held_on_surface(
     # Where two facets meet, along the second axis, a foot stands on both.
     aside = 0.5 * interface.lattice_m * np.array([[1.0, 0.0, 0.0]])
     sides = [interface.normals(contacts + aside), interface.normals(contacts - aside)]
-    com = interface.flat(rock.com_m[None])[0]
+    com, change = interface.flat(rock.com_m[None])[0], down @ seat.frame.T
     gravity = down @ np.array([0.0, 0.0, -STANDARD_GRAVITY_M_S2])
-    held: dict[bytes, Array] = {}
+    touched: dict[bytes, tuple[Array, Array]] = {}
     found = np.zeros(len(azimuths_deg))
     for row, azimuth in enumerate(azimuths_deg):
         push = -down @ horizontal_unit_vector(azimuth)
-        # Late rests are mostly left at more, and then a single trial passes each of the others.
-        for pose, _ in reversed(list(seat.rests(STANDARD_GRAVITY_M_S2, azimuth))):
+        for pose, _ in seat.rests(STANDARD_GRAVITY_M_S2, azimuth):
             closed_m = pose.points[:, 2].min() + seat.tolerance
             key = (pose.points[:, 2] <= closed_m).tobytes()
-            if key not in held:
+            if key not in touched:
                 turn, moved = _turned(seat.pose.points, pose.points, above)
-                change = down @ seat.frame.T
                 touching = moved[:, 2] <= closed_m
-                carrying = [_outermost(places[touching], side[touching]) for side in sides]
-                arms = np.vstack([at - com for at, _ in carrying]) @ (change @ turn @ change.T).T
-                held[key] = wrenches(arms, np.vstack([normals for _, normals in carrying]), FRICTION)
-            far = farthest_load(held[key], gravity, push, rock.half_diagonal_m, more_than=found[row])
-            found[row] = found[row] if far is None else far
+                normals = np.vstack([side[touching] for side in sides])
+                arms = np.tile((places[touching] - com) @ (change @ turn @ change.T).T, (2, 1))
+                touched[key] = arms, normals
+            most = tips_m_s2(*touched[key], rock.half_diagonal_m, gravity, push)
+            found[row] = max(found[row], most or 0.0)
     return found
 
 
@@ -160,20 +150,6 @@ def _turned(before: Array, after: Array, points: Array) -> tuple[Array, Array]:
     middle = before.mean(axis=0)
     turn = Rotation.align_vectors(after - after.mean(axis=0), before - middle)[0].as_matrix()
     return turn, (points - middle) @ turn.T + after.mean(axis=0)
-
-
-def _outermost(places: Array, normals: Array) -> tuple[Array, Array]:
-    """Of contacts that share a normal, those between which the others lie: together they bear the same loads."""
-    _, facet = np.unique(normals.round(9), axis=0, return_inverse=True)
-    kept = []
-    for number in range(facet.max() + 1 if len(facet) else 0):
-        own = np.flatnonzero(facet.ravel() == number)
-        try:
-            kept.append(own[ConvexHull(places[own, :2]).vertices])
-        except QhullError:
-            kept.append(own)
-    rows = np.concatenate(kept) if kept else np.zeros(0, int)
-    return places[rows], normals[rows]
 
 
 def mass_moved_m(part: HiddenPart, base: Base, gap_m: Array, rock: Rock, interface: Interface) -> Array:

@@ -87,21 +87,14 @@ def outside_support_m(rock: Rock, interface: Interface) -> float:
     return float((hull.equations[:, :2] @ projected + hull.equations[:, 2]).max())
 
 
-def slenderness(scene: Scene, nominal_m_s2: list[float] | None = None) -> list[dict[str, float]]:
+def slenderness(scene: Scene) -> list[dict[str, float]]:
     """Slenderness angle by the azimuth toward which the rock topples.
-
-    From the accelerations toward evenly spaced azimuths from 0 on where they are known already (`nominal_m_s2`).
 
     tan(alpha) = a / g (Anooshehpoor, Brune and Zeng 2004), a the quasi-static toppling acceleration of the ground
     the other way: for a flat sharp base the angle between the vertical and the line from the centre of mass to the
     edge about which it tips.
     """
-    ground = (AZIMUTHS_DEG + 180.0) % 360.0
-    if nominal_m_s2 is None:
-        table = scene.quasi_static_toppling_m_s2(ground)
-    else:
-        at = 360.0 / len(nominal_m_s2) * np.arange(len(nominal_m_s2))
-        table = [(each, float(np.interp(each, at, nominal_m_s2, period=360.0))) for each in ground]
+    table = scene.tips_m_s2((AZIMUTHS_DEG + 180.0) % 360.0)
     return [
         {"azimuth_deg": float(azimuth), "alpha_deg": float(np.rad2deg(np.arctan(value / scene.gravity_m_s2)))}
         for azimuth, (_, value) in zip(AZIMUTHS_DEG, table, strict=True)

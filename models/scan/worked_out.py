@@ -92,7 +92,6 @@ class WorkedOut:
         parts = (self.observed, self.interface, self.closed, self.pedestal)
         rock, unseen, standing = base_unseen(*parts, known, self.unaided)
         scene = Scene(rock, self.pedestal, origin_m=self.origin_m, unseen=unseen)
-        nominal = standing.get("nominal_m_s2")
         # Of the draws: the closed rock's own may lie beside the weight, which each of them encloses.
         contacts = standing["contacts"]
         outlined = {name: contacts.pop(name) for name in ("outline_m", "outlines")}
@@ -100,7 +99,7 @@ class WorkedOut:
         report = {
             **self.report,
             "interface": interface,
-            "slenderness": slenderness(scene, nominal),
+            "slenderness": slenderness(scene),
             "unseen_base": standing,
         }
         unaided = standing.get("without_inspection", standing.get("toppling"))

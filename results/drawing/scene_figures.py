@@ -186,10 +186,11 @@ def _draw_plan(axes: Axes, scene: Scene) -> None:
 
 
 def draw_statics(axes: PolarAxes, scene: Scene) -> None:
-    """Draw the least constant toppling acceleration by azimuth, with that of the drawn bases."""
-    azimuth_deg, value = _statics_of(scene)
+    """Draw the accelerations that tip and slide the rock by azimuth, with that of the drawn bases."""
+    azimuth_deg, value, slides = _statics_of(scene)
     azimuth = np.deg2rad(azimuth_deg)
     axes.plot(azimuth, value, color=CONTACT_COLOUR, lw=1.2)
+    axes.plot(azimuth, slides, color=CONTACT_COLOUR, lw=1.2, ls=":")
     axes.set_ylim(0, _polar_reach_m_s2(value))
     around, low, high, _ = _base_interval(scene)
     if len(around):
@@ -200,15 +201,16 @@ def draw_statics(axes: PolarAxes, scene: Scene) -> None:
 
 def statics_words(scene: Scene) -> str:
     """What the picture of the statics shows, for the text beside it."""
-    _, value = _statics_of(scene)
+    _, value, slides = _statics_of(scene)
     around, *_, level = _base_interval(scene)
     bands = [
+        *(["dotted: where it slides before it tips"] if np.isfinite(slides).any() else []),
         *([f"blue band: {100 * level:.0f} % of possible bases"] if len(around) else []),
         *_beyond_frame(value),
     ]
     return "; ".join(
         [
-            "the least constant ground acceleration that topples it, by where the ground accelerates toward",
+            "the least constant ground acceleration that tips it, by where the ground accelerates toward",
             *bands,
         ]
     )
@@ -242,13 +244,14 @@ def _beyond_frame(value: Array) -> list[str]:
     return [f"beyond the frame: more than {reach:.3g} m/s²"] if (value > reach).any() else []
 
 
-def _statics_of(scene: Scene) -> tuple[Array, Array]:
-    """Azimuths (closed) of the ground's acceleration, and the least toppling values (m/s²)."""
-    table = scene.to_json()["quasi_static_toppling_m_s2"]
+def _statics_of(scene: Scene) -> tuple[Array, Array, Array]:
+    """Azimuths (closed) of the ground's acceleration, and the values (m/s²) at which the rock tips and slides."""
+    table = scene.to_json()["statics"]
     rows = [*table, {**table[0], "azimuth_deg": 360.0}]
-    return np.array([row["azimuth_deg"] for row in rows], float), np.array(
-        [row["value"] for row in rows], float
+    azimuth, tips, slides = (
+        np.array([row[name] for row in rows], float) for name in ("azimuth_deg", "tips_m_s2", "slides_m_s2")
     )
+    return azimuth, tips, slides
 
 
 def numbers_of(scene: Scene, notes: Sequence[str] = ()) -> list[str]:

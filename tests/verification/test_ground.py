@@ -24,7 +24,7 @@ from toppling.models.scan.survey import SeparatedMeshes
 from toppling.models.scene import Scene
 from toppling.models.shapes import box
 from toppling.models.statics import quasi_static_toppling_m_s2
-from toppling.models.tipping import largest_held_m_s2
+from toppling.models.tipping import limits_on_surface
 from toppling.orchestrator.public.making import scan
 from toppling.workers.engines import DEFAULT, engine_named
 from toppling.workers.options import PRESETS
@@ -134,29 +134,30 @@ def cone_programme(scene, azimuth_deg):
     ("left", "right", "friction"),
     [
         (5, 5, 0.6), (30, 30, 0.6), (30, 30, 0.8), (-15, -15, 0.8), (-30, -30, 0.6), (0, -30, 0.8),
-        (0, 15, 0.6),
+        (0, 15, 0.6), (5, 5, 0.2), (-15, -15, 0.4),
     ],
 )  # fmt: skip
-def test_static_threshold_on_two_facets_is_that_of_the_friction_cones(left, right, friction):
+def test_on_two_facets_a_block_leaves_what_the_friction_cones_hold_by_tipping_over_its_feet_or_by_sliding(
+    left, right, friction
+):
+    """It tips about the two feet on its far side, wherever the facets put them, whatever the friction."""
     scene = block_on(left, right, friction)
-    azimuths = [0.0, 180.0, 90.0]
-    found = scene.quasi_static_toppling_m_s2(azimuths)
-    for azimuth, value in found:
+    arms = scene.rock.vertices_m - scene.rock.com_m
+    feet = [min(arms[side * arms[:, 0] > 0.0], key=lambda arm: arm[2]) for side in (-1.0, 1.0)]
+    over = [G * abs(foot[0]) / -foot[2] for foot in feet]
+    for azimuth, tips, slides in scene.statics([0.0, 180.0, 90.0, 250.0]):
+        if azimuth in (0.0, 180.0):
+            assert tips == pytest.approx(over[int(azimuth / 180.0)], rel=1e-4)
         # The pyramids lie within the cones by half a per cent.
-        assert value == pytest.approx(cone_programme(scene, azimuth), rel=0.01)
+        assert min(tips, slides) == pytest.approx(cone_programme(scene, azimuth), rel=0.01)
+        assert slides == math.inf or slides < tips
 
 
-def test_feet_on_the_walls_of_a_groove_tip_about_their_own_place():
-    scene = block_on(30, 30)
-    com = scene.rock.com_m[2] - math.tan(math.radians(30)) * HALF_WIDTH_M
-    ((_, value),) = scene.quasi_static_toppling_m_s2([0.0])
-    assert value == pytest.approx(G * HALF_WIDTH_M / com, rel=0.005)
-
-
-def test_a_squat_rock_on_a_surface_stands_what_friction_holds_and_no_more():
+def test_a_squat_rock_on_a_surface_slides_before_it_tips():
     level = block(facets(0, 0), 0.4, 0.6, 0.3)
-    found = largest_held_m_s2(level.grounded, [0.0, 30.0])
-    assert [value for _, value in found] == pytest.approx([0.4 * G] * 2, rel=0.01)
+    ((_, level_tips, level_slides), (_, tips, slides)) = limits_on_surface(level.grounded, [0.0, 30.0])
+    assert (level_tips, tips) == pytest.approx((2.0 * G, 2.0 * G / math.cos(math.radians(30.0))), rel=1e-4)
+    assert (level_slides, slides) == pytest.approx((0.4 * G, 0.4 * G), rel=0.01)
 
 
 @pytest.mark.thorough
@@ -360,10 +361,10 @@ def test_the_facets_of_a_rounded_base_tip_on_a_surface_as_on_the_plane():
     ((_, on_plane),) = quasi_static_toppling_m_s2(plane.rock, plane.pedestal, G, [20.0])
     friction = (on_surface.contact.friction_static,) * 2
     of_triangles = GroundedBody.of(on_surface.rock, on_surface.pedestal, G, friction)
-    ((_, tipped),) = largest_held_m_s2(of_triangles, [20.0])
-    assert tipped == pytest.approx(on_plane, rel=0.01)
-    ((_, rolled),) = largest_held_m_s2(on_surface.grounded, [20.0])
-    assert rolled == pytest.approx(plane.rolling_body.toppling_m_s2([20.0])[0], rel=0.005)
+    ((_, tipped, _),) = limits_on_surface(of_triangles, [20.0])
+    assert tipped == pytest.approx(on_plane, rel=1e-3)
+    ((_, rolled),) = on_surface.tips_m_s2([20.0])
+    assert rolled == pytest.approx(plane.tips_m_s2([20.0])[0][1], rel=0.001)
 
 
 def test_a_rough_base_tips_on_a_surface_as_on_the_plane_however_fine_its_mesh():
@@ -378,7 +379,7 @@ def test_a_rough_base_tips_on_a_surface_as_on_the_plane_however_fine_its_mesh():
     fine = mesh.subdivide()
     coarse_held, fine_held = (
         np.array(
-            largest_held_m_s2(Scene.from_mesh((each.vertices, each.faces), pedestal=ground).grounded, azimuths)
+            limits_on_surface(Scene.from_mesh((each.vertices, each.faces), pedestal=ground).grounded, azimuths)
         )[:, 1]
         for each in (mesh, fine)
     )  # fmt: skip
@@ -477,9 +478,8 @@ def test_a_rock_pushed_against_the_wall_on_which_it_leans_slides_up_it():
     """Foot toward the wall, edge up the wall, friction against both: forces and moments on the verge of it."""
     half_width, angle, friction = 0.06, math.radians(8.0), 0.4
     rock, surface = slab_on_a_wall(half_width, 8.0)
-    ((_, most),) = Scene.from_mesh(rock, pedestal=surface, friction=friction).quasi_static_toppling_m_s2(
-        [180.0]
-    )
+    ((_, tips, most),) = Scene.from_mesh(rock, pedestal=surface, friction=friction).statics([180.0])
+    assert tips == math.inf
     x, z = (
         0.6 * math.sin(angle) - half_width * math.cos(angle),
         0.6 * math.cos(angle) + half_width * math.sin(angle),

@@ -18,11 +18,12 @@ from toppling.models.hidden_base.gap import GapDraw, way_out
 from toppling.models.hidden_base.inspection import Inspection
 from toppling.models.hidden_base.observed import reliefs
 from toppling.models.hidden_base.standing import check_inspection, nominal_draw
-from toppling.models.hidden_base.statics import on_plane
 from toppling.models.hidden_base.underside import hidden_base
+from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.scan.measure import ObservedRock
 from toppling.models.scan.surfels import Surfels
+from toppling.models.statics import quasi_static_toppling_m_s2
 
 HEIGHT_M, RADIUS_M, PITCH_M = 2.0, 0.5, 0.02
 STD_M = np.full(3, 0.004)
@@ -111,7 +112,9 @@ def drawn_of(toppling_m_s2, distinct=True):
 BLOCK = trimesh.creation.box([0.6, 0.6, 1.2])
 BLOCK.apply_translation([0.0, 0.0, 0.6])
 STANDING = Rock.from_triangles(BLOCK.vertices, BLOCK.faces)
-SMOOTH = on_plane(STANDING, LEVEL, AZIMUTHS_DEG)
+SMOOTH = np.array(
+    quasi_static_toppling_m_s2(STANDING, Pedestal(LEVEL.point_m, LEVEL.normal), 9.81, AZIMUTHS_DEG)
+)[:, 1]
 
 
 def on_bases(halves):

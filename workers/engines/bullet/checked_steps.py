@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from toppling.models.compiled import Array, compiled
+from toppling.models.compiled import Array, Flags, compiled
 from toppling.models.ground.plane import is_over_plane
 from toppling.models.ground.points import ContactModel
 from toppling.models.ground.stepping import Grounded
@@ -117,7 +117,7 @@ class CheckedSteps:
 
 
 @compiled(allocates=True)
-def _over_plane(sim: Grounded, poses: Array) -> Array:
+def _over_plane(sim: Grounded, poses: Array) -> Flags:
     """In which of some poses (n, 7) the plane is all that the rock may touch."""
     found = np.zeros(len(poses), np.bool_)
     for i in range(len(poses)):

@@ -94,7 +94,8 @@ def test_the_page_plays_in_a_browser_without_a_network(replayed, tmp_path):
     asked = tmp_path / "asked.html"
     # Ask for the last pose as a hand on the slider would.
     last = "slider.value = slider.max; slider.oninput(); document.body.dataset.told = told.value;"
-    asked.write_text(page.read_text().replace("</script></body>", f"{last}</script></body>"))
+    before, after = page.read_text().rsplit("</script>", 1)
+    asked.write_text(f"{before}{last}</script>{after}")
     document, complaints = shown(asked, tmp_path / "profile")
     poses = int(re.search(r'id="time"[^>]* max="(\d+)"', document).group(1))
     assert poses > 10

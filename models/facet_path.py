@@ -181,7 +181,8 @@ def _nearest(support: Array, projected_com: Array) -> tuple[Array, Array, bool]:
     """Nearest point of a support to a point outside, unit vector outward, whether it is a vertex."""
     if len(support) > 1:
         edge = _edges(support)
-        share = ((projected_com - support) * edge).sum(axis=1) / (edge * edge).sum(axis=1)
+        squared = (edge * edge).sum(axis=1)  # 0 between two places that coincide
+        share = ((projected_com - support) * edge).sum(axis=1) / np.where(squared > 0.0, squared, 1.0)
         point = support + np.clip(share, 0.0, 1.0)[:, None] * edge
         away = projected_com - point
         if len(support) > 2:  # exclude edges with the point on the inner side

@@ -340,8 +340,8 @@ class Scene(Described):
             "contact": dataclasses.asdict(self.contact),
             "ground": dataclasses.asdict(self.ground),
             **({} if self.unseen is None else {"bases": {"file": BASES, "draws": len(self.unseen)}}),
-            "statics": [
-                {"azimuth_deg": azimuth, "tips_m_s2": tips, "slides_m_s2": slides}
+            "quasi_static_toppling_m_s2": [
+                {"azimuth_deg": azimuth, "value": tips, "slides_m_s2": slides}
                 for azimuth, tips, slides in self._stated
             ],
             "report": report,

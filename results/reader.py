@@ -375,10 +375,10 @@ def _scene_table(document: dict[str, Any], site: dict[str, Any]) -> pa.Table:
         {
             "ground_accelerates_toward_deg": row["azimuth_deg"],
             "falls_toward_deg": (row["azimuth_deg"] + 180.0) % 360.0,
-            "value": row["tips_m_s2"],
-            "slides_m_s2": row["slides_m_s2"],
+            "value": row["value"],
+            "slides_m_s2": row.get("slides_m_s2"),
         }
-        for row in document["statics"]
+        for row in document["quasi_static_toppling_m_s2"]
     ]
     least = min((row["value"] for row in statics if row["value"] is not None), default=None)
     static, kinetic, bounce = (

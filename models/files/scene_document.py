@@ -27,7 +27,7 @@ LABELS, WORKED_OUT = "labels.npz", "worked_out.npz"
 """What a scan leaves beside its scene: the label of each point, and what a later hint draws the base anew from."""
 GEOMETRY = ("rock.ply", "pedestal.ply", BASES)
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 1
 _MOST_AZIMUTHS = 3600
 _SPREAD = between(0.0, 1e8)
 _AZIMUTH = between(-360.0, 360.0)
@@ -79,8 +79,8 @@ _SHAPE: dict[str, Any] = {
     "contact": {
         "friction_static": between(0.0, 1e6), "friction_kinetic": between(0.0, 1e6), "restitution": between(0.0, 1.0),
     },
-    "statics": [
-        {"azimuth_deg": _AZIMUTH, "tips_m_s2": NUMBER.or_null(), "slides_m_s2": NUMBER.or_null()},
+    "quasi_static_toppling_m_s2": [
+        {"azimuth_deg": _AZIMUTH, "value": NUMBER.or_null(), "slides_m_s2?": NUMBER.or_null()},
     ],
     "report": _REPORT,
     "files?": {f"{name}?": TEXT for name in (*GEOMETRY, LABELS, WORKED_OUT)},
@@ -115,11 +115,11 @@ def read_scene_document(path: Path) -> dict[str, Any]:
         what = f"schema version {shown(document.get('schema_version'))}"
         raise _unread("document.schema_version", what, path)
     check_shape(document, _SHAPE, path)
-    normal, rows = document["interface"]["normal"], len(document["statics"])
+    normal, rows = document["interface"]["normal"], len(document["quasi_static_toppling_m_s2"])
     if not (abs(math.hypot(*normal) - 1.0) < 1e-6 and normal[2] > 0):
         raise _unread("scene.normal_unusable", f"interface.normal is {normal}, no unit vector upward", path)
     if rows > _MOST_AZIMUTHS:
-        what = f"statics has {rows} rows, more than {_MOST_AZIMUTHS}"
+        what = f"quasi_static_toppling_m_s2 has {rows} rows, more than {_MOST_AZIMUTHS}"
         raise _unread("scene.too_many_azimuths", what, path)
     return document
 

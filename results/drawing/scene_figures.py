@@ -246,10 +246,10 @@ def _beyond_frame(value: Array) -> list[str]:
 
 def _statics_of(scene: Scene) -> tuple[Array, Array, Array]:
     """Azimuths (closed) of the ground's acceleration, and the values (m/s²) at which the rock tips and slides."""
-    table = scene.to_json()["statics"]
+    table = scene.to_json()["quasi_static_toppling_m_s2"]
     rows = [*table, {**table[0], "azimuth_deg": 360.0}]
     azimuth, tips, slides = (
-        np.array([row[name] for row in rows], float) for name in ("azimuth_deg", "tips_m_s2", "slides_m_s2")
+        np.array([row[name] for row in rows], float) for name in ("azimuth_deg", "value", "slides_m_s2")
     )
     return azimuth, tips, slides
 

@@ -122,7 +122,7 @@ def sound_scene(tmp_path_factory):
 
 
 RIGHT = (
-    ("id", "text"), ("interface.slope_deg", 7), ("statics", []), ("report", {"x": {}}),
+    ("id", "text"), ("interface.slope_deg", 7), ("quasi_static_toppling_m_s2", []), ("report", {"x": {}}),
 )  # fmt: skip
 """Of the right kind, and no part of the scene's identity, which is compared last."""
 
@@ -133,7 +133,7 @@ RIGHT = (
     [
         "id", "origin_m", "gravity_m_s2", "rock", "rock.com_m", "rock.inertia_per_mass_m2", "pedestal",
         "pedestal.kind", "interface", "interface.point_m", "interface.normal", "interface.slope_deg", "contact",
-        "contact.restitution", "statics", "report", "report.surface", "report.surface.seen_share",
+        "contact.restitution", "quasi_static_toppling_m_s2", "report", "report.surface", "report.surface.seen_share",
         "report.uncertainty", "report.uncertainty.com_std_m",
     ],
 )  # fmt: skip

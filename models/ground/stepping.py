@@ -216,7 +216,6 @@ def _choose(sim: Grounded, count: int, step_s: float, reach_m: float, velocity: 
     still closes.
     """
     touching, chosen = touching_m(sim), 0
-    is_point = sim.counts[7] == 1 and len(sim.rolling.corners) == 0
     for i in range(count):
         one = sim.trial[i]
         at_start = one.gap_m - 0.5 * step_s * _rate(one, velocity)
@@ -229,9 +228,7 @@ def _choose(sim: Grounded, count: int, step_s: float, reach_m: float, velocity: 
             carries = carries or known
         one.lands = 0 if carries else 1
         if carries:
-            arc_m_s = _arc_m_s(one, velocity, step_s) if is_point else 0.0
-            gap_m = one.gap_m - 0.25 * step_s * arc_m_s
-            one.floor_m_s = -2.0 * max(gap_m - touching, 0.0) / step_s - arc_m_s
+            one.floor_m_s = -2.0 * max(one.gap_m - touching, 0.0) / step_s
             if one.gap_m < reach_m + touching:
                 if i != chosen:
                     sim.work.spare[0] = sim.trial[chosen]
@@ -248,18 +245,6 @@ def _choose(sim: Grounded, count: int, step_s: float, reach_m: float, velocity: 
     if end < len(sim.trial):
         sim.trial[end].lands = 0
     return chosen
-
-
-@inner
-def _arc_m_s(one: Any, velocity: Array, step_s: float) -> float:
-    """By how much a point that turns around the centre of mass rises faster at the end of half a step, at least 0.
-
-    A point that carries may go down so much faster in the middle of the step: at the end it is where it was.
-    """
-    wx, wy, wz = velocity[3], velocity[4], velocity[5]
-    along = wx * one.arm_m[0] + wy * one.arm_m[1] + wz * one.arm_m[2]
-    toward_m_s2 = wz * along - one.arm_m[2] * (wx * wx + wy * wy + wz * wz)
-    return 0.5 * step_s * max(toward_m_s2, 0.0)
 
 
 @inner

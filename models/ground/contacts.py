@@ -107,11 +107,6 @@ def _meet(point: Any, near: Any, mesh: ContactMesh, reach: Any, vertices: bool, 
             continue
         if dot(way, way) >= margin * margin or (code <= 3 and not vertices):
             continue
-        if code > 3 and mesh.is_hollow[mesh.edge_of[t, code - 4]]:
-            # Beyond a hollow's edge the plane goes on below the other face: what comes over the edge lands on it.
-            if -margin < depth < margin and _leads_out(of, index, n, leaning, pairs, vertices):
-                count = _keep_face(room.found, count, n, depth, c)
-            continue
         name = -1 - f[code - 1] if code <= 3 else mesh.edge_of[t, code - 4]
         features = _keep_feature(room, features, name, n, depth, c)
     for k in range(features):
@@ -333,4 +328,4 @@ def contacts_at(
 ) -> int:
     """Contacts with gaps up to a margin in a pose (7,); how many."""
     find(rock, ground, pose, margin_m, lists)
-    return contacts_in(rock, ground, lists.pairs, pose, margin_m, leaning, out)
+    return contacts_in(rock, ground, lists.nearest, pose, margin_m, leaning, out)

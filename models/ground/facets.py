@@ -346,5 +346,5 @@ def rounded_contacts_at(
     for part in range(len(on.lowest)):
         on.lowest[part] = on.surface.lowest[part]
     find(rock, ground, pose, margin_m, lists)
-    count = contacts_in(rock, ground, lists.pairs, pose, margin_m, leaning, out)
-    return rounded_contacts(on, ground, pose, margin_m, lists.pairs.turn, out, count)
+    count = contacts_in(rock, ground, lists.nearest, pose, margin_m, leaning, out)
+    return rounded_contacts(on, ground, pose, margin_m, lists.nearest.turn, out, count)

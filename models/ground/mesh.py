@@ -36,8 +36,6 @@ class ContactMesh(NamedTuple):
         Edge opposite to none: edge k of a triangle joins its corners k and k + 1.
     triangles_at_edge : (e,) int array
         One or two.
-    is_hollow : (e,) bool array
-        Whether an edge lies in a hollow: a place near it is above the planes of both triangles.
     triangles_at_vertex : (n,) int array
     points : (p,) int array
         Vertices that can touch another body's faces: all but those in a face, a crease or a hollow.
@@ -63,7 +61,6 @@ class ContactMesh(NamedTuple):
     radii_m: Array
     edge_of: Indices
     triangles_at_edge: Indices
-    is_hollow: Flags
     triangles_at_vertex: Indices
     points: Indices
     first_way: Indices
@@ -80,8 +77,8 @@ _NONE = np.zeros((0, 3), np.int64)
 
 NO_MESH = ContactMesh(
     np.zeros((0, 3)), _NONE, np.zeros((0, 3)), np.zeros(0), np.zeros((0, 3)), np.zeros(0), _NONE, _NONE[:, 0].copy(),
-    np.zeros(0, bool), _NONE[:, 0].copy(), _NONE[:, 0].copy(), np.zeros(1, np.int64), np.zeros((0, 3)),
-    _NONE[:, :2].copy(), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 2, 3)), NO_GRID, NO_GRID,
+    _NONE[:, 0].copy(), _NONE[:, 0].copy(), np.zeros(1, np.int64), np.zeros((0, 3)), _NONE[:, :2].copy(),
+    np.zeros((0, 3)), np.zeros(0), np.zeros((0, 2, 3)), NO_GRID, NO_GRID,
 )  # fmt: skip
 """That of a body which touches with no mesh."""
 
@@ -125,7 +122,7 @@ def contact_mesh(
     middles = corners.mean(axis=1)
     radii = np.linalg.norm(corners - middles[:, None], axis=2).max(axis=1)
     edge_of, ends, shares = _edges(faces)
-    stands_out, is_hollow, inward = _convexity(vertices, faces, normals, edge_of, shares)
+    stands_out, inward = _convexity(vertices, faces, normals, edge_of, shares)
     if touching is not None:
         stands_out &= touching[used][ends].all(axis=1)
     kept = ends[stands_out]
@@ -136,7 +133,7 @@ def contact_mesh(
     start, end = vertices[kept[:, 0]], vertices[kept[:, 1]]
     points = np.unique(kept)
     return ContactMesh(
-        vertices, faces, normals, offsets, middles, radii, edge_of, shares, is_hollow,
+        vertices, faces, normals, offsets, middles, radii, edge_of, shares,
         np.bincount(faces.ravel(), minlength=len(vertices)), points, *_ways(vertices, ends, points),
         kept, 0.5 * (start + end), 0.5 * np.linalg.norm(end - start, axis=1), inward[stands_out],
         grid, fine,
@@ -178,19 +175,16 @@ def _edges(faces: Indices) -> tuple[Indices, Indices, Indices]:
 
 def _convexity(
     vertices: Array, faces: Indices, normals: Array, edge_of: Indices, shares: Indices
-) -> tuple[Flags, Flags, Array]:
-    """Which edges stand out (are convex, or bound the mesh), and which lie in a hollow; ways into their triangles.
-
-    The last are unit vectors (e, 2, 3).
-    """
+) -> tuple[Flags, Array]:
+    """Which edges stand out (are convex, or bound the mesh), and the unit vectors (e, 2, 3) into their triangles."""
     way = vertices[np.roll(faces, -1, axis=1)] - vertices[faces]  # (m, 3, 3)
     inward = np.cross(normals[:, None, :], way)
     inward /= np.linalg.norm(inward, axis=2)[:, :, None]
     first, last = sides_at_edges(edge_of, shares).T
     flat_inward, flat_normal = inward.reshape(-1, 3), np.repeat(normals, 3, axis=0)
     both = np.stack([flat_inward[first], flat_inward[last]], axis=1)
-    rises = (flat_inward[last] * flat_normal[first]).sum(axis=1)
-    return (rises < -_FLAT_SHARE) | (shares == 1), rises > _FLAT_SHARE, both
+    opens = (flat_inward[last] * flat_normal[first]).sum(axis=1) < -_FLAT_SHARE
+    return opens | (shares == 1), both
 
 
 def sides_at_edges(edge_of: Indices, triangles_at_edge: Indices) -> Indices:

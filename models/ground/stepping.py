@@ -315,8 +315,8 @@ def _margin_m(sim: Grounded, step_s: float, reach_m: float, velocity: Array, fre
     if len(sim.curved.coefficients) > 0 or len(sim.facets.apart_m) > 0:
         return margin
     find(sim.rock, sim.ground, sim.work.middle, margin, sim.lists)
-    pairs = sim.lists.pairs
-    ball = turned(sim.work.turn, pairs.middle_m[0]), pairs.lengths_m[RADIUS]
+    nearest = sim.lists.nearest
+    ball = turned(sim.work.turn, nearest.middle_m[0]), nearest.lengths_m[RADIUS]
     return min(margin, near_m + step_s * _fastest_of_both_m_s(velocity, free, ball))
 
 
@@ -397,21 +397,21 @@ def contacts_at_pose(sim: Grounded, pose: Array, margin_m: float) -> int:
 @inner
 def _contacts(sim: Grounded, pose: Array, margin: float) -> int:
     """Find the contacts with gaps up to a margin in a pose; how many."""
-    pairs, sim.counts[7] = sim.lists.pairs, 1
+    nearest, sim.counts[7] = sim.lists.nearest, 1
     if _is_over_plane(sim, pose, margin):
         if len(sim.rolling.corners) > 0:
-            return rolling_contacts(sim.rolling, pose, margin, pairs.turn, sim.trial)
+            return rolling_contacts(sim.rolling, pose, margin, nearest.turn, sim.trial)
         lengths_m = sim.size_m, sim.lists.farthest_m
         return plane_contacts(sim.over, pose, sim.work.turn, lengths_m, margin, sim.trial)
     sim.counts[7] = 0
     if len(sim.curved.coefficients) > 0:
-        count = curved_contacts(sim.curved, pose, margin, pairs.turn, sim.trial)
+        count = curved_contacts(sim.curved, pose, margin, nearest.turn, sim.trial)
         if count >= 0:
             return count
     find(sim.rock, sim.ground, pose, margin, sim.lists)
-    count = contacts_in(sim.rock, sim.ground, pairs, pose, margin, LEANING, sim.trial)
+    count = contacts_in(sim.rock, sim.ground, nearest, pose, margin, LEANING, sim.trial)
     if len(sim.facets.apart_m) > 0:
-        count = rounded_contacts(sim.facets, sim.ground, pose, margin, pairs.turn, sim.trial, count)
+        count = rounded_contacts(sim.facets, sim.ground, pose, margin, nearest.turn, sim.trial, count)
     return count
 
 

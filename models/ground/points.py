@@ -90,8 +90,8 @@ class ContactModel:
         return np.rad2deg(np.arccos(np.clip(cosines, -1.0, 1.0)))
 
     def gaps_m(self, pose: Array) -> Array:
-        """Clearance (n,) of the contact points over the plane in a pose (7,), negative where one has sunk in."""
-        return np.asarray(pose[2] + self.points_body_m @ _normals_body(pose[3:]))
+        """Clearance over the plane, negative where a point has sunk in: (n,) in a pose (7,), (n, m) in poses (m, 7)."""
+        return np.asarray(pose.T[2] + self.points_body_m @ _normals_body(pose[..., 3:]))
 
     def touching(self, pose: Array) -> Array:
         """A pose (7,) shifted along the interface's normal to where its lowest point touches."""

@@ -2,7 +2,6 @@
 
 import copy
 import io
-import os
 import tempfile
 import warnings
 from collections.abc import Iterator
@@ -19,6 +18,7 @@ from toppling.models.files.documents import listed
 from toppling.models.files.given import bytes_given
 from toppling.models.motions.formats.component import no_record, refuse_file
 from toppling.models.motions.formats.units import Quantity, Unit, known_names, unit_of
+from toppling.models.terminal import standard_error_to
 
 _LARGEST_XML_BYTES = 100_000_000
 
@@ -288,20 +288,15 @@ def _spoken() -> Iterator[list[str]]:
     messages: list[str] = []
     with warnings.catch_warnings(record=True) as caught, tempfile.TemporaryFile() as printed:
         warnings.simplefilter("always")
+        collects = False
         try:
-            standard_error = os.dup(2)
-        except OSError:  # closed by whoever started the program
-            yield messages
-            return
-        os.dup2(printed.fileno(), 2)
-        try:
-            yield messages
+            with standard_error_to(printed.fileno()) as collects:
+                yield messages
         finally:
-            os.dup2(standard_error, 2)
-            os.close(standard_error)
-            printed.seek(0)
-            text = printed.read(10 * _MOST_SAID).decode(errors="replace")
-            unique = dict.fromkeys(str(warning.message) for warning in caught)
-            messages.extend(
-                " ".join(message.split())[:_MOST_SAID] for message in (text, *unique) if message.strip()
-            )
+            if collects:
+                printed.seek(0)
+                text = printed.read(10 * _MOST_SAID).decode(errors="replace")
+                unique = dict.fromkeys(str(warning.message) for warning in caught)
+                messages.extend(
+                    " ".join(message.split())[:_MOST_SAID] for message in (text, *unique) if message.strip()
+                )

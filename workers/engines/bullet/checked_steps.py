@@ -11,9 +11,7 @@ import math
 import os
 import zlib
 from collections import OrderedDict
-from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -23,24 +21,13 @@ from toppling.models.ground.plane import is_over_plane
 from toppling.models.ground.points import ContactModel
 from toppling.models.ground.stepping import Grounded
 from toppling.models.ground.vectors import rotation_of
+from toppling.models.terminal import standard_error_to
 from toppling.workers.engines.protocol import StepCheckError, Steps
 from toppling.workers.problem import Problem
 from toppling.workers.stepping import Watch, take_steps
 
-
-def _imported() -> Any:
-    """The module, which on its import writes to the terminal's descriptor when it was built."""
-    terminal = os.dup(2)
-    try:
-        with Path(os.devnull).open("w") as nowhere:
-            os.dup2(nowhere.fileno(), 2)
-        return import_module("pybullet")
-    finally:
-        os.dup2(terminal, 2)
-        os.close(terminal)
-
-
-pybullet = _imported()
+with Path(os.devnull).open("w") as nowhere, standard_error_to(nowhere.fileno()):
+    import pybullet  # which writes to standard error when it was built
 
 ALLOWED = 1e-9
 """Of R: by which a pose may differ."""
@@ -53,6 +40,9 @@ _RAISED, _NEAR = 0.05, 0.1
 
 _ABOVE = 1e-4
 """Of the way from the points' middle to the centre of mass."""
+
+_DISTANCE = 8
+"""Field of a contact that `getContactPoints` returns: its gap, m."""
 
 _MOST_WORLDS = 8
 """Worlds that a process keeps, as many as a worker keeps scenes; the least recently used one is rebuilt."""
@@ -103,17 +93,12 @@ class CheckedSteps:
         there, gap_m = carried_out(self._problem.contact, start, reached, sim.step_s)
         unlike = _difference(there, reached, sim.size_m).max(axis=1)
         seen_m = (_NEAR - _RAISED) * sim.size_m
-        gap_off = np.abs(gap_m.clip(max=seen_m) - self._least_gap_m(start).clip(max=seen_m)) / sim.size_m
+        least_m = self._problem.contact.gaps_m(start).min(axis=0)
+        gap_off = np.abs(gap_m.clip(max=seen_m) - least_m.clip(max=seen_m)) / sim.size_m
         for off, allowed in ((unlike, ALLOWED), (gap_off, GAP_ALLOWED)):
             if not (off <= allowed).all():
                 first = int(np.argmin(off <= allowed))
                 raise StepCheckError(float(time_s[which[first]]), float(off[first]), allowed)
-
-    def _least_gap_m(self, pose: Array) -> Array:
-        """Gap of the lowest of the rock's points over the plane in poses (n, 7)."""
-        x, y, z, w = pose[:, 3:].T
-        down = np.stack([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)], axis=1)
-        return np.asarray(pose[:, 2] + (down @ self._problem.contact.points_body_m.T).min(axis=1))
 
 
 @compiled(allocates=True)
@@ -159,10 +144,6 @@ def carried_out(contact: ContactModel, start: Array, end: Array, step_s: float) 
     reached = np.array([(*at, *turn) for at, turn in there])
     reached[:, 2] -= raised_m
     return reached, np.array(gap_m) - raised_m
-
-
-_DISTANCE = 8
-"""Field of a contact that `getContactPoints` returns: its gap, m."""
 
 
 def _spin_before(spin_rad_s: Array, inertia_m2: Array, step_s: float) -> Array:

@@ -26,7 +26,7 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.impose import impose
 from toppling.models.scene import Scene
 from toppling.orchestrator.processes import assets, pool_of
-from toppling.results.analysis.regression import fit
+from toppling.results.analysis.lognormal import fit
 from toppling.workers.engines import DEFAULT, ENGINES
 from toppling.workers.options import PHYSICS_VERSION, PRESETS, NumericalOptions
 from toppling.workers.seating import settled

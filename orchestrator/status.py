@@ -11,8 +11,8 @@ import pyarrow.compute as pc
 from toppling.models.files.stores import writer_of
 from toppling.orchestrator.journal import last
 from toppling.orchestrator.run_folder import describe, ended, is_running
-from toppling.results.completeness import Completeness, rows_stored
 from toppling.results.precision import STATEMENT_FILE
+from toppling.results.reader import Completeness, rows_stored
 from toppling.results.run_integrity import AUDIT_FOLDER
 from toppling.results.store import newest_rows, read_steady, result_files
 from toppling.results.weights import CONTACT, WEIGHTS_FILE, Weights, are_due, sentences
@@ -79,8 +79,8 @@ def _stated(run: Path) -> tuple[list[dict[str, Any]], list[str]]:
     """Statements so far of a run with a target, as JSON and as sentences."""
     if not (run / STATEMENT_FILE).exists():
         return [], []
-    from toppling.results.precision.statement import sentences as sentences_of
-    from toppling.results.precision.statement import statements_of
+    from toppling.results.precision.design import sentences as sentences_of
+    from toppling.results.precision.design import statements_of
 
     statements = statements_of(run)
     return statements, sentences_of(statements)

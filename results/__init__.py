@@ -1,6 +1,11 @@
 """Results: schema and store of a run, queries, fragility, figures, hazard constraints."""
 
 __all__ = [
-    "completeness", "queries", "reader", "replayed_job", "run_integrity", "schema", "store",
+    "queries",
+    "reader",
+    "replayed_job",
+    "run_integrity",
+    "schema",
+    "store",
     "weights",
 ]  # fmt: skip

@@ -14,18 +14,27 @@ from toppling.orchestrator.public.hazard_question import Question, read_tree, sh
 from toppling.orchestrator.public.rocks import Jobs, measures_shared, names_of, refuse_twins, standing_rock
 from toppling.results.analysis.exchange import read_surface
 from toppling.results.analysis.fits import answered, basis_of
-from toppling.results.analysis.lognormal import Lognormal
-from toppling.results.analysis.regression import fit
+from toppling.results.analysis.lognormal import Lognormal, fit
 from toppling.results.analysis.resampling import sampled
 from toppling.results.drawing.style import printed_unit, short_name, within
 from toppling.results.hazard.ages import exposure
-from toppling.results.hazard.events import EventBranch, EventSet, EventSite, Fragility, Standing
+from toppling.results.hazard.events import (
+    READINGS,
+    SCATTERS,
+    SIGMA,
+    EventBranch,
+    EventSet,
+    EventSite,
+    Fragility,
+    Standing,
+    correlation_of,
+    joint_rate,
+)
 from toppling.results.hazard.places import distance_km, nearest, of_name
 from toppling.results.hazard.readers.event_sets import read_events
 from toppling.results.hazard.survival import topples
 from toppling.results.hazard.tree import HazardTree
 from toppling.results.hazard.update import Update
-from toppling.results.hazard.vector import READINGS, SCATTERS, SIGMA, correlation_of, joint_rate
 
 
 def judged_by_events(

@@ -23,8 +23,8 @@ from toppling.orchestrator.recorded import read_recorded
 from toppling.results.analysis.constraint import Constraint
 from toppling.results.analysis.lognormal import Basis
 from toppling.results.analysis.resampling import SAMPLES
-from toppling.results.drawing.constraint_folder import write_constraint, write_events
-from toppling.results.drawing.constraint_words import all_words
+from toppling.results.drawing.report.constraint_page import write_constraint, write_events
+from toppling.results.drawing.sentences import all_words
 from toppling.results.hazard.ages import age_given, exposure, parse_age, parse_since
 from toppling.results.hazard.tree import sources
 from toppling.results.hazard.update import Update

@@ -19,16 +19,14 @@ from toppling.orchestrator.public import unseen
 from toppling.orchestrator.run_folder import place_in
 from toppling.results.analysis import fragility as maps
 from toppling.results.analysis.audit_statistics import Audit, audits_of
-from toppling.results.analysis.directions import least_sector
 from toppling.results.analysis.exchange import read_curves
 from toppling.results.analysis.fits import answered
-from toppling.results.analysis.friction_comparison import by_surroundings, frictions
+from toppling.results.analysis.fragility import by_surroundings, frictions, least_sector
 from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.analysis.plane_reference import reference_lines, simulate
 from toppling.results.analysis.resampling import SAMPLES
-from toppling.results.completeness import Completeness
 from toppling.results.drawing import run_figures
-from toppling.results.reader import Run, open_run
+from toppling.results.reader import Completeness, Run, open_run
 from toppling.results.weights import records_weight
 from toppling.workers.seating import settled
 

@@ -12,7 +12,7 @@ from toppling.models.arrays import Array
 from toppling.models.errors import InputError, UsageError
 from toppling.models.files.csv_text import is_numeral
 from toppling.models.motions.measures import COMPARED
-from toppling.results.analysis.regression import SURFACES
+from toppling.results.analysis.lognormal import SURFACES
 from toppling.results.hazard.ages import Since, joint_ages
 from toppling.results.hazard.measure_names import is_spectral
 from toppling.results.hazard.readers import Hints, read_hazard

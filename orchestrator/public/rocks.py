@@ -20,14 +20,12 @@ from toppling.orchestrator.recorded import Recorded, check_weighable
 from toppling.results.analysis.exchange import read_curves
 from toppling.results.analysis.fits import answered, curve_over, with_measure
 from toppling.results.analysis.fragility import by_contact
-from toppling.results.analysis.lognormal import Basis, Lognormal
-from toppling.results.analysis.regression import fit
+from toppling.results.analysis.lognormal import Basis, Lognormal, fit
 from toppling.results.analysis.resampling import SAMPLES
-from toppling.results.completeness import Completeness
 from toppling.results.hazard.events import Standing
 from toppling.results.hazard.places import SITE_REACH_KM, distance_km
 from toppling.results.hazard.tree import HazardTree
-from toppling.results.reader import open_run
+from toppling.results.reader import Completeness, open_run
 from toppling.results.weights import CONTACT, Weights, unweighted_rows
 
 

@@ -14,10 +14,9 @@ from toppling.orchestrator.public.fragility_figures import Fragility
 from toppling.orchestrator.public.fragility_figures import fragility as draw
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import of, option
-from toppling.results.analysis.bases import narrowed_by
 from toppling.results.analysis.fits import FEW_TOPPLED, HEADLINE_MEASURE, answered
 from toppling.results.analysis.fragility import by_contact, contact_words
-from toppling.results.analysis.resampling import SAMPLES
+from toppling.results.analysis.resampling import SAMPLES, narrowed_by
 from toppling.results.drawing.fit_figures import fit_words
 from toppling.results.drawing.sentences import what_topples
 from toppling.results.reader import Run, open_run

@@ -23,15 +23,14 @@ from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.hazard import SiteCommand
 from toppling.orchestrator.verbs.shared_options import option
 from toppling.results.analysis.resampling import SAMPLES
-from toppling.results.drawing.constraint_words import age_words
-from toppling.results.drawing.magnitude_figures import faults_figure, magnitudes_figure
+from toppling.results.drawing.hazard_figures import faults_figure, magnitudes_figure
+from toppling.results.drawing.sentences import age_words
 from toppling.results.drawing.style import printed_unit, save, short_name, within
 from toppling.results.hazard import magnitudes as exclusion
 from toppling.results.hazard.ages import age_given, parse_age
 from toppling.results.hazard.events import Standing
-from toppling.results.hazard.faults import FaultTrace, read_faults
 from toppling.results.hazard.gmm import MEASURES, MECHANISMS, MODELS, GroundMotionModel
-from toppling.results.hazard.places import check_place
+from toppling.results.hazard.places import FaultTrace, check_place, read_faults
 
 _STATED_CHANGE = 5e-4
 """Smallest change of a probability that is reported."""

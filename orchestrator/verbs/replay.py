@@ -19,7 +19,7 @@ from toppling.orchestrator.progress import bar, each
 from toppling.orchestrator.run_folder import place_in
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import option
-from toppling.results.analysis.friction_comparison import friction_words
+from toppling.results.analysis.fragility import friction_words
 from toppling.results.drawing.trajectory_figures import write_replay
 from toppling.results.reader import Run, open_run
 from toppling.results.replayed_job import Replay

@@ -44,8 +44,7 @@ def show(folder: Path, out: Path | None) -> None:
         from toppling.models.files.folder import rock_name, write_text
         from toppling.models.hidden_base.intervals import base_sentences
         from toppling.orchestrator.settling_notes import draw_settling, settling_notes
-        from toppling.results.drawing.page import scene_page
-        from toppling.results.drawing.scene_figures import draw_scene
+        from toppling.results.drawing.scene_figures import draw_scene, scene_page
 
         loaded = Scene.load(folder)
         target.mkdir(parents=True, exist_ok=True)
@@ -72,7 +71,7 @@ def export(folder: Path, file: Path) -> None:
     \b
     toppling scene export scenes/rock rock.glb
     """
-    from toppling.results.drawing.scene_export import export_scene
+    from toppling.results.drawing.scene_figures import export_scene
 
     export_scene(Scene.load(folder), file)
     click.echo(str(file))

@@ -1,9 +1,17 @@
 """Statistics of a run's result rows: toppling probabilities, fragility curves and their uncertainty. No drawing."""
 
 __all__ = [
-    "SAMPLES", "audit_statistics", "bases", "constraint", "directions", "exchange", "fits", "fragility",
-    "friction_comparison", "lognormal", "plane_reference", "ranking", "regression", "resampling",
-    "side_by_side", "unphysical",
+    "SAMPLES",
+    "audit_statistics",
+    "constraint",
+    "exchange",
+    "fits",
+    "fragility",
+    "lognormal",
+    "plane_reference",
+    "resampling",
+    "side_by_side",
+    "unphysical",
 ]  # fmt: skip
 
 SAMPLES = 200

@@ -24,8 +24,7 @@ from toppling.models.files.digest import read_json
 from toppling.models.files.documents import finite
 from toppling.results.analysis.fits import answered
 from toppling.results.analysis.fragility import by_contact
-from toppling.results.analysis.lognormal import probit_weights
-from toppling.results.analysis.regression import fit
+from toppling.results.analysis.lognormal import fit, probit_weights
 from toppling.results.reader import Run, as_frame
 from toppling.results.run_integrity import (
     AUDIT_FOLDER,

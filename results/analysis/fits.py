@@ -1,17 +1,166 @@
-"""Fragility fits of the jobs of one contact: their table, and the curve that represents the run."""
+"""Fragility fits of the jobs of one contact, and the ranking of intensity measures by cross-validation."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike, NDArray
 
+from toppling.models.arrays import Array
 from toppling.models.motions.measures import COMPARED, MEASURES
-from toppling.results.analysis.lognormal import Basis, Lognormal, lognormal_interval
-from toppling.results.analysis.ranking import compare_measures
-from toppling.results.analysis.regression import Fit, fit
-from toppling.results.analysis.resampling import SAMPLES, sampled
-from toppling.results.completeness import Completeness
+from toppling.results.analysis.fragility import effective_records, wilson
+from toppling.results.analysis.lognormal import (
+    NEAR_TIE,
+    SURFACES,
+    Basis,
+    Fit,
+    Lognormal,
+    expanded_interval,
+    fit,
+    lognormal_interval,
+)
+from toppling.results.analysis.resampling import LEAST_RECORDS, SAMPLES, sampled
+from toppling.results.reader import Completeness
+
+_BINS = 10
+"""Number of bins of a calibration table."""
+_FOLDS = 5
+"""Number of cross-validation folds."""
+
+
+def out_of_fold(frame: pd.DataFrame, measures: Sequence[str]) -> pd.Series:
+    """Predict each job from a fit to other records; null where that fit does not exist.
+
+    Where a threshold of the single measure separates the answers of the other records, it predicts: the middle between
+    the strongest standing and the weakest toppled job, with half a job of the opposite answer as uncertainty.
+    """
+    predicted = pd.Series(np.nan, index=frame.index)
+    folds = min(_FOLDS, frame["record_id"].nunique())
+    if folds < 2:
+        return predicted
+    fold = _folds_of(frame["record_id"], folds)
+    for number in range(folds):
+        test = np.flatnonzero(fold == number)
+        fitted = fit(frame.iloc[np.flatnonzero(fold != number)], measures)
+        standing, toppled = fitted.bounds
+        if not fitted.problem:
+            predicted.iloc[test] = fitted.probability(frame.iloc[test])
+        elif 0 < standing * (1 + NEAR_TIE) < toppled < math.inf:
+            softening = 0.5 / fitted.jobs
+            above = frame.iloc[test][measures[0]] > math.sqrt(standing * toppled)
+            predicted.iloc[test] = np.where(above, 1 - softening, softening)
+    return predicted
+
+
+def scores(toppled: ArrayLike, predicted: ArrayLike) -> dict[str, float]:
+    """Brier score, log loss and area under the ROC curve of predictions; NaN where they are undefined."""
+    truth, guess = np.asarray(toppled, bool), np.asarray(predicted, float)
+    if np.isnan(guess).any() or truth.all() or not truth.any():
+        return dict.fromkeys(("brier", "log_loss", "auc"), math.nan)
+    toppled_ranks, count = pd.Series(guess).rank()[truth], truth.sum()
+    # The share of pairs of a toppled and a standing job that are in the right order (Mann and Whitney's U).
+    ordered = toppled_ranks.sum() - count * (count + 1) / 2
+    return {
+        "brier": float(np.mean((guess - truth) ** 2)),
+        "log_loss": float(_loss(truth, guess).mean()),
+        "auc": float(ordered / (count * (len(truth) - count))),
+    }
+
+
+def _folds_of(record_id: pd.Series, folds: int) -> NDArray[np.int64]:
+    """Fold of each job, by records, of about equally many jobs: the largest record first, into the smallest fold."""
+    codes, _ = pd.factorize(record_id, sort=True)
+    jobs, size, of_record = np.bincount(codes), np.zeros(folds), np.zeros(codes.max() + 1, np.int64)
+    for record in np.argsort(jobs, kind="stable")[::-1]:
+        of_record[record] = size.argmin()
+        size[of_record[record]] += jobs[record]
+    return of_record[codes]
+
+
+def compare_measures(
+    frame: pd.DataFrame, measures: Sequence[Sequence[str]] | None = None, samples: int = 500
+) -> pd.DataFrame:
+    """Rank intensity measures by how well they predict records that were not fitted to.
+
+    frame: rows of results with an answer (`answered`).
+    measures: `COMPARED` one by one, and PGA with PGV together, if not given. Those that are not known and positive for
+    every job are left out, so that all are compared on the same jobs.
+    Returns DataFrame: best first: measures, brier, log_loss, auc (out of fold), worse_by (log loss minus the best's),
+    worse_by_low and worse_by_high (95 %, records resampled; null of fewer than `LEAST_RECORDS`).
+    """
+    chosen = measures or [*((name,) for name in COMPARED), SURFACES[0]]
+    usable = [tuple(names) for names in chosen if (frame[list(names)].fillna(0.0) > 0).all(axis=None)]
+    predictions = {names: out_of_fold(frame, names) for names in usable}
+    truth = frame["toppled"].to_numpy(bool)
+    lines = [
+        {"measures": " + ".join(names), **scores(truth, guessed)} for names, guessed in predictions.items()
+    ]
+    table = pd.DataFrame(lines, columns=["measures", "brier", "log_loss", "auc"])
+    losses = {" + ".join(names): _loss(truth, guessed.to_numpy()) for names, guessed in predictions.items()}
+    ranked = table.sort_values("log_loss", ignore_index=True)
+    if not len(ranked) or math.isnan(ranked["log_loss"][0]):
+        return ranked
+    codes, records = pd.factorize(frame["record_id"])
+    random = np.random.default_rng(0)
+    draws = random.multinomial(len(records), np.full(len(records), 1 / len(records)), samples)
+    weight = draws @ np.bincount(codes)
+    for place, name in enumerate(ranked["measures"]):
+        worse = losses[name] - losses[ranked["measures"][0]]
+        resampled = draws @ np.bincount(codes, weights=worse) / weight
+        ranked.loc[place, "worse_by"] = worse.mean()
+        if len(records) >= LEAST_RECORDS:
+            interval = expanded_interval(resampled, len(records))
+            ranked.loc[place, ["worse_by_low", "worse_by_high"]] = interval
+    return ranked
+
+
+def calibration(frame: pd.DataFrame, predicted: pd.Series) -> pd.DataFrame:
+    """Predicted and observed fraction of jobs that topple, in bins of equally many jobs.
+
+    Returns DataFrame: one row a bin: predicted (mean), observed, jobs, records, wilson_low and wilson_high of observed.
+    """
+    known = predicted.notna()
+    table = _binned_fractions(frame[known], predicted[known], _BINS)
+    return table.rename(columns={"value": "predicted", "probability": "observed"})
+
+
+def observed_fractions(frame: pd.DataFrame, measure: str, bins: int = 12) -> pd.DataFrame:
+    """Fraction of jobs that topple in bins of equally many jobs along a measure, with Wilson's interval by records.
+
+    Returns DataFrame: one row a bin: value (geometric mean), probability, wilson_low, wilson_high, jobs, records.
+    """
+    table = _binned_fractions(frame, np.log(frame[measure]), bins)
+    return table.assign(value=np.exp(table["value"]))
+
+
+def _binned_fractions(frame: pd.DataFrame, value: pd.Series, bins: int) -> pd.DataFrame:
+    """Mean value and fraction toppled in bins of equally many jobs, each job weighted by its record's weight.
+
+    Records are weighted as in the fit that they are compared with. Wilson's trials are Kish's effective number.
+    """
+    place = ((value.rank(method="average") - 0.5) * bins / max(1, len(value))).astype(int)
+    jobs = frame.assign(value=value, bin=place, weight=frame.get("record_weight", 1.0))
+    grouped = jobs.assign(
+        value=jobs["weight"] * value, toppled=jobs["weight"] * jobs["toppled"].astype(float)
+    ).groupby("bin")
+    total = grouped["weight"].sum()
+    table = pd.DataFrame({
+        "value": grouped["value"].sum() / total,
+        "probability": grouped["toppled"].sum() / total,
+        "jobs": grouped.size(),
+        "records": grouped["record_id"].nunique(),
+    })  # fmt: skip
+    table["wilson_low"], table["wilson_high"] = wilson(table["probability"], effective_records(jobs, ["bin"]))
+    return table.reset_index(drop=True)
+
+
+def _loss(truth: NDArray[np.bool_], predicted: Array) -> Array:
+    safe = np.clip(predicted, 1e-15, 1 - 1e-15)
+    return -np.log(np.where(truth, safe, 1 - safe))
+
 
 FEW_TOPPLED = 10
 """Minimum number of topplings for a curve to be drawn and for measures to be ranked."""

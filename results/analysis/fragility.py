@@ -1,15 +1,6 @@
-"""Toppling probabilities per cell of the maps, by default in the bins of Veeraraghavan, Hudnut and Krishnan.
+"""Toppling probabilities per cell of the maps and by azimuth, and their comparison under two frictions."""
 
-A cell's probability is the fraction of its jobs that toppled. Its interval is Wilson's, with as many trials as
-there are distinct records in the cell: turned and perturbed copies of one record are not independent of each
-other. Jobs without an answer are counted, and left out of the probability. Those that also lack the measures of
-their motion, because the worker died or was too slow, lie in no cell: `unplaced` counts them.
-
-Where the frame has a column `record_weight` (`Run.weighted`), jobs are weighted by it, and the number of records of
-an interval is Kish's effective one, (sum of weights)^2 / sum of squared weights, with each record's mean weight.
-"""
-
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from toppling.models.arrays import Array
+from toppling.models.frames import compass_deg
 
 THIN_RECORDS = 10
 """Number of distinct records below which a cell is marked: its 95 % interval can span half of the scale."""
@@ -325,3 +317,175 @@ def _bounds(axis: Axis, values: pd.Series, edges: NDArray[np.floating], index: p
 
 def _plain(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)[:12]
+
+
+_SURROUNDINGS = [name for name in CONTACT_COLUMNS if name not in FRICTION]
+_JOB = [*_SURROUNDINGS, "record_id", "level_pga_m_s2", "azimuth_deg", "realisation"]
+
+_Friction = tuple[float, float]
+"""Static and kinetic coefficient."""
+
+
+def friction_words(static: float, kinetic: float) -> str:
+    """Format a pair of coefficients: 0.8 where they are equal, or 0.8 (0.6 kinetic)."""
+    return f"{static:g}" if static == kinetic else f"{static:g} ({kinetic:g} kinetic)"
+
+
+def frictions(frame: pd.DataFrame) -> list[_Friction]:
+    """Distinct pairs of static and kinetic friction, ascending."""
+    return sorted(frame[FRICTION].drop_duplicates().itertuples(index=False, name=None))
+
+
+def by_surroundings(frame: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    """Rows of each scene, engine, preset and restitution with several frictions to compare."""
+    parts = by_contact(frame, _SURROUNDINGS)
+    return {name: jobs for name, jobs in parts.items() if len(frictions(jobs)) > 1}
+
+
+def compare_frictions(frame: pd.DataFrame, plane: Plane) -> Iterator[tuple[str, pd.DataFrame, pd.DataFrame]]:
+    """Compare each friction with the highest, for each of `by_surroundings`: yield its name, cells and jobs."""
+    for name, jobs in by_surroundings(frame).items():
+        reference = frictions(jobs)[-1]
+        table, pairs = compare_cells(jobs, plane, reference), compare_jobs(jobs, reference)
+        if len(table) and len(pairs):
+            yield name, table, pairs
+
+
+def compare_cells(frame: pd.DataFrame, plane: Plane, reference: _Friction) -> pd.DataFrame:
+    """Toppling probability of each cell under each friction and under a reference friction.
+
+    Only jobs that were answered under both are compared, so that differences are due to friction.
+
+    frame: rows of results of one scene, preset and restitution (`by_surroundings`).
+    reference: static and kinetic friction on the horizontal axis.
+    Returns DataFrame: one row per friction and cell: friction_static, friction_kinetic, the cell's bounds, records,
+    probability, wilson_low, wilson_high, thin; with the prefix `reference_` frictions and probabilities of the
+    reference.
+    """
+    answered = frame[frame["toppled"].notna()]
+    base = _under(answered, reference)
+    tables = []
+    for friction in frictions(answered):
+        if friction == reference:
+            continue
+        jobs = _under(answered, friction)
+        shared = base[_JOB].merge(jobs[_JOB])
+        ours, theirs = (cells(part.merge(shared), plane) for part in (jobs, base))
+        bounds = [name for name in ours.columns if name.endswith(("_low", "_high")) and "wilson" not in name]
+        numbers = ["probability", "wilson_low", "wilson_high"]
+        renamed = theirs[[*bounds, *numbers]].rename(columns={name: f"reference_{name}" for name in numbers})
+        both = ours[[*bounds, "records", *numbers, "thin"]].merge(renamed, on=bounds)
+        tables.append(both.assign(**_contact_named(friction, reference)))
+    return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
+
+
+def compare_jobs(frame: pd.DataFrame, reference: _Friction) -> pd.DataFrame:
+    """Pair each job with its equivalent under a reference friction, and count how the answers differ.
+
+    Returns DataFrame: one row per friction: friction_static, friction_kinetic, those of the reference, numbers of pairs
+    of which both, neither, only_this or only_reference toppled.
+    """
+    lines = []
+    for friction, pairs in _paired_jobs(frame, reference).groupby(FRICTION):
+        this, that = pairs["toppled"], pairs["toppled_reference"]
+        lines.append({
+            **_contact_named(friction, reference), "pairs": len(pairs),
+            "both": int((this & that).sum()), "neither": int((~this & ~that).sum()),
+            "only_this": int((this & ~that).sum()), "only_reference": int((~this & that).sum()),
+        })  # fmt: skip
+    return pd.DataFrame(lines)
+
+
+def _paired_jobs(frame: pd.DataFrame, reference: _Friction) -> pd.DataFrame:
+    """Jobs with an answer under both frictions: `toppled` and, under the reference, `toppled_reference`."""
+    answered = frame[frame["toppled"].notna()].astype({"toppled": bool})
+    is_reference = (answered[FRICTION].to_numpy() == reference).all(axis=1)
+    base = answered.loc[is_reference, [*_JOB, "toppled"]]
+    return answered[~is_reference].merge(base, on=_JOB, suffixes=("", "_reference"), validate="many_to_one")
+
+
+def _under(frame: pd.DataFrame, friction: _Friction) -> pd.DataFrame:
+    return frame[(frame[FRICTION].to_numpy() == friction).all(axis=1)]
+
+
+def _contact_named(friction: _Friction, reference: _Friction) -> dict[str, float]:
+    names = [*FRICTION, *(f"reference_{name}" for name in FRICTION)]
+    return dict(zip(names, (*friction, *reference), strict=True))
+
+
+_HALF_SECTOR_DEG = 17.5
+"""Half width of the sector around the weakest direction in which topplings are counted, degrees: 35 degrees in all,
+as Veeraraghavan, Hudnut and Krishnan count them around their rock's overhang."""
+
+
+def least_sector(quasi_static: pd.DataFrame | None) -> tuple[float, float] | None:
+    """Sector (35 degrees) around the azimuth that the least constant acceleration topples the rock toward.
+
+    quasi_static: `Run.quasi_static`.
+    None where no constant acceleration is known to topple the rock.
+    """
+    found = weakest(quasi_static)
+    return _sector_around(found[0] + 180.0) if found else None
+
+
+def _sector_around(azimuth_deg: float) -> tuple[float, float]:
+    return (azimuth_deg - _HALF_SECTOR_DEG) % 360.0, (azimuth_deg + _HALF_SECTOR_DEG) % 360.0
+
+
+def weakest(quasi_static: pd.DataFrame | None) -> tuple[float, float] | None:
+    """Azimuth and size of the least constant ground acceleration that topples the rock; None if not known."""
+    known = None if quasi_static is None else quasi_static.astype(float).dropna(subset=["value"])
+    if known is None or not np.isfinite(known["value"]).any():
+        return None
+    least = known.loc[known["value"].idxmin()]
+    return float(least["ground_accelerates_toward_deg"]), float(least["value"])
+
+
+def named(name: str, azimuth_deg: float | None) -> dict[str, float | None]:
+    """Columns of an azimuth and its compass bearing, for `falls_toward` or `ground_accelerates_toward`."""
+    bearing = None if azimuth_deg is None else float(compass_deg(azimuth_deg))
+    return {f"{name}_deg": azimuth_deg, f"{name}_bearing_deg": bearing}
+
+
+def topple_rose(frame: pd.DataFrame, petal_deg: float = 15.0) -> pd.DataFrame:
+    """Count the toppled jobs by the azimuth they toppled toward.
+
+    frame: rows of results.
+    petal_deg: width of a petal; the first is centred on azimuth 0.
+    Returns DataFrame: one row a petal: falls_toward_deg (its centre), falls_toward_bearing_deg, toppled,
+    share_of_toppled.
+    """
+    petals = round(360.0 / petal_deg)
+    azimuth = frame.loc[_toppled(frame), "falls_toward_deg"].dropna().to_numpy(float)
+    index = np.floor((azimuth / 360.0 * petals) + 0.5).astype(int) % petals
+    counts = np.bincount(index, minlength=petals)
+    centre, share = np.arange(petals) * 360.0 / petals, counts / max(1, counts.sum())
+    return pd.DataFrame({
+        "falls_toward_deg": centre, "falls_toward_bearing_deg": compass_deg(centre), "toppled": counts,
+        "share_of_toppled": share,
+    })  # fmt: skip
+
+
+def sector_share(frame: pd.DataFrame, low_deg: float, high_deg: float) -> dict[str, float]:
+    """Fraction of jobs that topple toward a sector, counter-clockwise from `low_deg` to `high_deg`.
+
+    Returns dict: low_deg, high_deg, jobs (with an answer), toppled, toppled_within, share_of_jobs, share_of_toppled.
+    """
+    width = (high_deg - low_deg) % 360.0 or (360.0 if high_deg != low_deg else 0.0)
+    toppled = _toppled(frame)
+    off = (frame["falls_toward_deg"].to_numpy(float) - low_deg) % 360.0
+    within = int((toppled & (off <= width)).sum())
+    jobs, all_toppled = int(frame["toppled"].notna().sum()), int(toppled.sum())
+    return {
+        "low_deg": low_deg,
+        "high_deg": high_deg,
+        "jobs": jobs,
+        "toppled": all_toppled,
+        "toppled_within": within,
+        "share_of_jobs": within / jobs if jobs else np.nan,
+        "share_of_toppled": within / all_toppled if all_toppled else np.nan,
+    }
+
+
+def _toppled(frame: pd.DataFrame) -> "pd.Series[bool]":
+    return frame["toppled"].fillna(value=False).astype(bool)

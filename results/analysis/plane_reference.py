@@ -21,7 +21,7 @@ from toppling.models.frames import horizontal_unit_vector
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.models.statics import support_polygon_m
-from toppling.results.analysis.regression import Fit, fit, softened
+from toppling.results.analysis.lognormal import Fit, fit, softened
 
 _log = logging.getLogger(__name__)
 

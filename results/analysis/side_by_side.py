@@ -11,9 +11,8 @@ from numpy.typing import ArrayLike
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.frames import horizontal_unit_vector
-from toppling.results.analysis.directions import named, topple_rose, weakest
 from toppling.results.analysis.fits import FEW_TOPPLED, answered, curve_over
-from toppling.results.analysis.fragility import chief, contact_words
+from toppling.results.analysis.fragility import chief, contact_words, named, topple_rose, weakest
 from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.reader import Run

@@ -11,7 +11,7 @@ import pandas as pd
 
 from toppling.models.files.documents import finite, listed
 from toppling.models.motions.quality import LIMITS_WORDS, is_beyond, words
-from toppling.results.analysis import fits, regression
+from toppling.results.analysis import fits, lognormal
 from toppling.results.analysis.fragility import chief
 from toppling.results.reader import Run
 
@@ -137,7 +137,7 @@ def _median(known: pd.DataFrame) -> float | None:
     if known["scene_id"].nunique() != 1:
         return None
     jobs = chief(known).reset_index(drop=True)
-    curve = regression.fit(jobs, ["pga_m_s2"]).lognormal
+    curve = lognormal.fit(jobs, ["pga_m_s2"]).lognormal
     return (
         curve.median if curve and jobs["pga_m_s2"].min() <= curve.median <= jobs["pga_m_s2"].max() else None
     )

@@ -9,9 +9,8 @@ import pandas as pd
 
 from toppling.models.files.csv_text import write_csv
 from toppling.models.motions.measures import OPENQUAKE
-from toppling.results.analysis import fits, ranking, regression, resampling
+from toppling.results.analysis import fits, lognormal, resampling
 from toppling.results.analysis.audit_statistics import Audit, audit_table
-from toppling.results.analysis.directions import sector_share, topple_rose
 from toppling.results.analysis.exchange import write_curves
 from toppling.results.analysis.fragility import (
     DIRECTION_BINS,
@@ -20,16 +19,17 @@ from toppling.results.analysis.fragility import (
     beyond,
     by_contact,
     cells,
+    compare_frictions,
     contact_words,
+    sector_share,
+    topple_rose,
     unplaced,
 )
-from toppling.results.analysis.friction_comparison import compare_frictions
-from toppling.results.completeness import Completeness
 from toppling.results.drawing.fit_figures import fit_figure, surface_figure
-from toppling.results.drawing.friction_figures import friction_figure
-from toppling.results.drawing.maps import direction_figure, map_figure
+from toppling.results.drawing.maps import direction_figure, friction_figure, map_figure
 from toppling.results.drawing.roses import rose_figure
 from toppling.results.drawing.style import save, short_name
+from toppling.results.reader import Completeness
 
 FIT_PARTS = 20
 """Steps of progress for the fits of a contact, which take longer than a figure (one step)."""
@@ -165,9 +165,9 @@ def _write_contact(
 
     contact = fits.ContactFits(jobs, samples, run, notify=notify)
     yield write_csv(contact.ranking, target / "measures.csv")
-    both = [names for names in regression.SURFACES if set(names) <= set(contact.measures)]
-    parts = len(contact.measures) + len(both) * len(regression.LINKS)
-    of_two = [contact.fitted(names, link) for names in both for link in regression.LINKS]
+    both = [names for names in lognormal.SURFACES if set(names) <= set(contact.measures)]
+    parts = len(contact.measures) + len(both) * len(lognormal.LINKS)
+    of_two = [contact.fitted(names, link) for names in both for link in lognormal.LINKS]
     models = [*contact.models, *of_two]
     table = fits.summary(models)
     _add_shifts(table, [audit_over(model.measures[0]) if model.lognormal else {} for model in models])
@@ -175,7 +175,7 @@ def _write_contact(
     surfaces = [
         replace(surface, basis=fits.basis_of(jobs, surface.measures[0], run))
         for model in of_two
-        if model.measures == regression.SURFACES[0] and (surface := model.surface)
+        if model.measures == lognormal.SURFACES[0] and (surface := model.surface)
     ]
     for surface in surfaces:
         yield from save(surface_figure(surface, contact.known), target / "surface", _remark(run))
@@ -185,9 +185,9 @@ def _write_contact(
         if any(curve.measure in OPENQUAKE for curve in curves):
             yield write_curves(target / "curves.xml", curves, name)
         chosen = contact.best or curves[0]
-        calibrated = ranking.calibration(contact.known, ranking.out_of_fold(contact.known, [chosen.measure]))
+        calibrated = fits.calibration(contact.known, fits.out_of_fold(contact.known, [chosen.measure]))
         yield write_csv(calibrated, target / "calibration.csv")
-        observed = ranking.observed_fractions(contact.known, chosen.measure)
+        observed = fits.observed_fractions(contact.known, chosen.measure)
         figure = fit_figure(chosen, observed, contact.ranking, calibrated, contact.toppled)
         yield from save(figure, target / "fits", _remark(run))
 

@@ -1,7 +1,16 @@
-"""Sentences that summarise a fragility at the beginning of pages and commands' output."""
+"""Sentences that summarise a fragility or a constraint at the beginning of pages and commands' output."""
 
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from toppling.models.files.documents import listed
 from toppling.results.analysis.lognormal import Lognormal, parts_words
-from toppling.results.drawing.style import printed_unit, short_name
+from toppling.results.drawing.style import LETTERS_PER_IN, printed_unit, short_name, within
+from toppling.results.hazard.events import Standing
+from toppling.results.hazard.places import SITE_REACH_KM
+from toppling.results.hazard.update import RATES
+from toppling.results.weights import sentences
 
 
 def what_topples(curve: Lognormal, contact: str, single_base: bool) -> str:
@@ -37,3 +46,395 @@ def interval_words(curve: Lognormal) -> str:
 def percent(share: float) -> str:
     """Format a fraction toppled as percentage, or as none or all."""
     return "none" if share == 0 else "all" if share == 1 else f"{100 * share:.0f} %"
+
+
+MOST_NAMED = 6
+"""Maximum number of branches that are listed individually."""
+
+LARGEST_FACTOR = 1e3
+"""Largest scale factor of motions or rates that is reported; beyond it any factor is allowed for practical purposes."""
+
+_LEAST_FRACTION = 5e-4
+"""Smallest fraction of a toppling rate or of weight that is reported: 0.1 % after rounding."""
+
+_LEAST_AGE_YEARS = 100.0
+"""Age below which a unit of thousands of years is suggested, years: fragile rocks stand for thousands of years."""
+
+_FIRST_RATES = (1e-4, *sorted(RATES))
+"""Annual rates for the first sentence, by precedence: the first within both prior and posterior hazard is used."""
+
+_VARY = {
+    "event": "other events", "fragility": "other records like these", "age": "other ages",
+    "joint rate": "other scatters of the two measures",
+}  # fmt: skip
+
+_OUTSIDE = {
+    "unstated_above": "beyond the curve's last point",
+    "unstated_below": "below its first point, if its initial slope continues",
+}
+"""Descriptions of the fractions of a toppling rate from outside a hazard curve's points."""
+
+
+def answer(statement: dict[str, Any]) -> list[str]:
+    """Result in a few sentences: the posterior hazard, and the largest allowed scale factors."""
+    if "branches" not in statement:
+        return []
+    alive, counts = [branch["survival"] for branch in statement["branches"]], statement["decided"]
+    several, at = len(alive) > 1, f"at {100 * statement['confidence']:g} %"
+    standing = "the standing rock" if len(statement["rocks"]) == 1 else "the standing rocks"
+    out = counts["branches_inconsistent"]
+    if not several:
+        verdict = "inconsistent" if out else "consistent"
+        first = f"The hazard is {verdict} with {standing} {at}: survival is {_percent(alive[0])}."
+        return [first, _allowed(statement)]
+    if out == len(alive):
+        most = _percent(max(alive))
+        first = f"All {out} branches of the hazard are inconsistent with {standing} {at}: survival is at most {most}."
+        return [first, _allowed(statement)]
+    lines = [line for line in (*_falls(statement), _allowed(statement)) if line]
+    weight = f", with {_percent(counts['weight_inconsistent'])} of the prior weight" if out else ""
+    return [
+        *lines,
+        f"Survival under the {len(alive)} branches is {_percent(counts['survival_mean_of_branches'])} on average, "
+        f"{_percent(min(alive))} to {_percent(max(alive))}; {out or 'none'} of them "
+        f"{'are' if out > 1 else 'is'} inconsistent with {standing} {at}{weight}.",
+        f"The branch set counts as {counts['effective_branches_prior']:.3g} equal branches by its prior weights, "
+        f"and {counts['effective_branches_posterior']:.3g} by its posterior weights.",
+    ]
+
+
+def by_site_and_measure(
+    rows: Sequence[dict[str, Any]], measure: str
+) -> dict[tuple[str, str], list[dict[str, Any]]]:
+    """Group rows by site and measure, in order; rows without these belong to one site and the given measure."""
+    groups: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    for row in rows:
+        groups.setdefault((row.get("site", ""), row.get("measure", measure)), []).append(row)
+    return groups
+
+
+def _falls(statement: dict[str, Any]) -> list[str]:
+    """Sentences on the change of the motion at a rate, one per site and measure."""
+    groups = by_site_and_measure(statement["changes"], statement["measure"])
+    several = len({site for site, _ in groups}) > 1
+    return [
+        (f"At {site}: " if several else "") + line
+        for (site, measure), rows in list(groups.items())[:MOST_NAMED]
+        if (line := _fall({**statement, "changes": rows, "measure": measure}))
+    ]
+
+
+def _fall(statement: dict[str, Any]) -> str:
+    """Sentence on the change of the motion at a rate; empty where no rate is reached or supported."""
+    by_rate = {row["annual_rate"]: row for row in statement["changes"]}
+    for rate in _FIRST_RATES:
+        row = by_rate[rate]
+        before, after = row["level_prior_mean"], row["level_posterior_mean"]
+        if before is None or after is None:
+            continue
+        unit, measure = printed_unit(statement["measure"]), short_name(statement["measure"])
+        change = row["level_change_percent"]
+        goes = "stays at" if abs(change) < 0.5 else "falls from" if change < 0 else "rises from"
+        spread = "" if None in (row["level_posterior_p05"], row["level_posterior_p95"]) else (
+            f" (5-95 %: {row['level_posterior_p05']:.3g} to {row['level_posterior_p95']:.3g})"
+        )  # fmt: skip
+        level = f"{after:.3g} {unit}" if goes == "stays at" else f"{before:.3g} to {after:.3g} {unit}"
+        others = "" if row["level_posterior_mean_low"] is None else (
+            f"; it would be {row['level_posterior_mean_low']:.3g} to {row['level_posterior_mean_high']:.3g} with "
+            f"{_varying(statement)} (95 %)"
+        )  # fmt: skip
+        return f"The {rate_words(rate)} {measure} of the mean hazard {goes} {level}{spread}{others}."
+    return ""
+
+
+def rate_words(rate: float) -> str:
+    """Label of an annual rate: 1e-4, or the return period where it is not a power of ten."""
+    power = math.log10(rate)
+    return f"1e{power:.0f}" if abs(power - round(power)) < 1e-9 else f"{1 / rate:,.0f}-year"
+
+
+def _allowed(statement: dict[str, Any]) -> str:
+    """Sentence on the largest factors by which the mean hazard, or the single curve, may be scaled."""
+    of = statement["mean"]
+    which = "the hazard" if len(statement["branches"]) == 1 else "the mean hazard"
+    least = _percent(1.0 - statement["confidence"])
+    if of["scale_factor"] is None:
+        return f"However strong {which}'s motions were, survival would stay above {least}: there are too few events."
+    allowed = "already too strong" if of["scale_factor"] < 1 else "compatible as it is"
+    return (
+        f"The motions of {which} may be multiplied by at most {_with_ends(of, 'scale_factor')}, or its rates by "
+        f"{_with_ends(of, 'rate_factor')}, for survival to stay above {least}: it is {allowed}."
+    )
+
+
+def _with_ends(row: dict[str, Any], name: str) -> str:
+    value = "any factor" if row[name] is None or row[name] > LARGEST_FACTOR else f"{row[name]:.3g}"
+    low, high = row[f"{name}_low"], row[f"{name}_high"]
+    if low is None or value == "any factor":
+        return value
+    return f"{value} ({low:.3g} {'or more' if high is None else f'to {high:.3g}'}, 95 %)"
+
+
+def _percent(share: float) -> str:
+    return "less than 0.01 %" if 0.0 < share < 1e-4 else f"{100 * share:.3g} %"
+
+
+def _varying(statement: dict[str, Any]) -> str:
+    return " and ".join(_VARY[name] for name in statement["intervals_carry"])
+
+
+def all_words(statement: dict[str, Any]) -> str:
+    """Complete statement in words, one sentence per line."""
+    lines = [*answer(statement), *_rock_lines(statement)]
+    if "hazard" in statement and statement["hazard_ratio"] == 1.0:
+        component = statement["hazard"]["component"]
+        stated = f", though its files say {component}" if component else ""
+        lines.append(
+            "The hazard is taken to be for the peak of the horizontal vector (SA: the largest of all azimuths)"
+            f"{stated}; give --ratio if it is for another component."
+        )
+    if "branches" in statement:
+        lines.append(
+            "If the hazard is ergodic, each of its earthquakes has another site term, although the rock's site has "
+            "one: survival is then understated. Branches of site terms, with single-station sigma, are exact."
+        )
+    lines += [*statement.get("hazard", {}).get("assumed", ()), *_branch_lines(statement)]
+    lines += [*_tree_lines(statement), *_event_lines(statement)]
+    for row in statement.get("rates", ())[9::10]:
+        unit, measure = printed_unit(statement["measure"]), short_name(statement["measure"])
+        lines.append(
+            f"a {measure} of {row[statement['measure']]:.3g} {unit} or more is inconsistent at return periods below "
+            f"{row['inconsistent_return_years']:,.0f} years"
+        )
+    return "\n".join([*lines, *(f"Note: {note}." for note in statement.get("notes", ()))])
+
+
+def age_words(rock: dict[str, Any]) -> str:
+    """Clause on a rock's stated age; empty without an age."""
+    if not rock.get("age"):
+        return ""
+    years = rock["age_years"]
+    in_ka = f": is that in ka? Then give --age '{years:g} ka'" if years < _LEAST_AGE_YEARS else ""
+    return f", stood for {rock['age']}{in_ka}"
+
+
+def ages_words(rocks: Sequence[Standing], width_in: float = math.inf) -> str:
+    """Line on the ages of rocks, of each if the width allows; empty without ages."""
+    ages = {rock.name: rock.age for rock in rocks if rock.age}
+    if len(set(ages.values())) == 1:
+        return f"standing for {next(iter(ages.values()))}"
+    by_rock = "; ".join(f"{name}: {age}" for name, age in ages.items())
+    return by_rock if len(by_rock) <= LETTERS_PER_IN * width_in else f"{len(ages)} rocks, each with its age"
+
+
+def _rock_lines(statement: dict[str, Any]) -> list[str]:
+    """Lines on the rocks, their single-event constraint, and its basis."""
+    lines = [_rock_line(rock, statement["measure"]) for rock in statement["rocks"]]
+    if "unexceeded" in statement:
+        lines += _single_event_lines(statement)
+    unit = printed_unit(statement["measure"]) if "unexceeded" in statement else ""
+    for rock in statement["rocks"]:
+        lines += _reservations(rock, statement.get("unexceeded"), unit)
+    if site := statement.get("random_rock"):
+        low, high, beyond = site["median_low"], site["median_high"], site["beyond"]
+        upper = "or more" if high is None else f"to {within(high, beyond)}"
+        ends = "" if low is None else f" ({within(low, beyond)} {upper}, 95 %)"
+        lines.append(
+            "One fragility of the site, of a rock drawn at random: median "
+            f"{within(site['median'], beyond)} {unit}{ends}, beta {site['beta']:.2f} "
+            f"({site['beta_within']:.2f} within a rock, {site['beta_between']:.2f} between rocks)"
+        )
+    if statement.get("ages_independent"):
+        lines.append("The ages of the rocks are taken as independent, as if each had been dated separately.")
+    return lines
+
+
+def _rock_line(rock: dict[str, Any], measure: str) -> str:
+    """Line on a rock's fragility, with its age or location where stated."""
+    away = rock.get("site_distance_km")
+    return (
+        f"{rock['name']}: {fragility_words(rock, measure)}{age_words(rock)}"
+        + (f", at {rock['site']}" if "site" in rock else "")
+        + ("" if away is None else f", {away:.1f} km from --site")
+    )
+
+
+def fragility_words(rock: dict[str, Any], measure: str) -> str:
+    """Describe the fragility of a statement's rock."""
+    words = rock.get("fragility") or (
+        f"median {within(rock['median'], rock.get('strongest_shaken'))} {printed_unit(measure)}, "
+        f"beta {rock['beta']:.2f}"
+    )
+    return f"{words} ({rock['toppled']:,} topplings in {rock['jobs']:,} jobs)" if rock.get("jobs") else words
+
+
+def _single_event_lines(statement: dict[str, Any]) -> list[str]:
+    """Lines on the intensity that no single event exceeded, with its uncertainty."""
+    unit, measure = printed_unit(statement["measure"]), short_name(statement["measure"])
+    stood = "the rock has stood" if len(statement["rocks"]) == 1 else "the rocks have stood"
+    lines = [
+        f"At {100 * statement['confidence']:g} % confidence no single event has exceeded a {measure} of "
+        f"{statement['unexceeded']:.3g} {unit} while {stood}."
+    ]
+    if (apart := statement.get("rocks_apart_km", 0.0)) > SITE_REACH_KM:
+        lines.append(f"  they stand up to {apart:,.0f} km apart, and are taken to have felt the same events")
+    if statement["unexceeded_low"] is None:
+        unknown = "its uncertainty from the choice of records is unknown"
+        lines.append(f"  {unknown}: this needs a run with enough records")
+    else:
+        high = statement["unexceeded_high"]
+        ends = f"{statement['unexceeded_low']:.3g} {f'{unit} or more' if high is None else f'to {high:.3g} {unit}'}"
+        unfit = max(rock["samples_without_fit"] for rock in statement["rocks"])
+        count = max(rock["samples"] for rock in statement["rocks"])
+        bare = f"; {unfit} of {count} bootstrap samples have no fit and count as unbounded" if unfit else ""
+        lines.append(
+            f"  {ends} with other records like these (95 %{bare}), as the jobs come from few earthquakes"
+        )
+    for rock in statement.get("stood", ()):
+        lines += [f"  {sentence}" for sentence in sentences({**rock, "contacts": [rock]})]
+        if rock["median_shift_percent"]:
+            lines.append(
+                f"  with equal weights the median of {rock['rock']} would be {rock['median_bases_alike']:.3g} "
+                f"{unit}: the weights shift it by {rock['median_shift_percent']:+.1f} %"
+            )
+    return lines
+
+
+def _reservations(rock: dict[str, Any], unexceeded: float | None, unit: str) -> list[str]:
+    """Caveats of a rock's curve: jobs without an answer, and extrapolation."""
+    lines = []
+    if rock.get("without_answer"):
+        jobs = rock["without_answer"] + rock["jobs"]
+        lines.append(
+            f"  {rock['without_answer']:,} of {jobs:,} jobs of {rock['name']} have no answer and are left out: "
+            "jobs near the threshold rock longest and most often lack one"
+        )
+    if unexceeded is None:
+        return lines
+    if "strongest_shaken" not in rock:
+        lines.append(
+            f"  the jobs behind the curve of {rock['name']} are unknown, so this may be an extrapolation"
+        )
+    elif unexceeded > rock["strongest_shaken"]:
+        lines.append(
+            f"  this extrapolates beyond the strongest shaking of {rock['name']}, "
+            f"{rock['strongest_shaken']:.3g} {unit} ({rock['records']} records)"
+        )
+    return lines
+
+
+def _branch_lines(statement: dict[str, Any]) -> list[str]:
+    """Lines on all branches if they are few, or else those that the rocks favour most and least."""
+    branches = sorted(statement.get("branches", ()), key=lambda branch: -branch["survival"])
+    if not branches:
+        return []
+    few = len(branches) <= MOST_NAMED
+    lines = []
+    for branch in branches if few else [*branches[: MOST_NAMED - 1], branches[-1]]:
+        verdict = "inconsistent" if branch["inconsistent"] else "consistent"
+        weights = ""
+        if len(branches) > 1 and branch["posterior_weight"] is not None:
+            weights = f"; weight {branch['prior_weight']:.3g}, posterior {branch['posterior_weight']:.3g}"
+        lines.append(
+            f"{branch['name']}: topples at {branch['toppling_rate']:.2e} a year, survival {branch['survival']:.3g}, "
+            f"{verdict} at {100 * statement['confidence']:g} %{weights}"
+        )
+        if few:
+            lines += [*_reserved(branch, statement), *_taken_at(branch)]
+    if not few:
+        lines.append(
+            f"  and {len(branches) - MOST_NAMED} branches between the last two: in branches.csv (--out) and --json"
+        )
+        lines += _taken_at(branches[0])
+    lost = max(sum(branch.get(name, 0.0) for name in _OUTSIDE) for branch in branches)
+    if lost > 0.01 and not few:
+        lines.append(
+            f"  up to {_percent(lost)} of a branch's toppling rate may lie outside its points: not counted"
+        )
+    return lines
+
+
+def _tree_lines(statement: dict[str, Any]) -> list[str]:
+    """Lines on the changed choices of a logic tree, and on contributions to the toppling rate."""
+    lines = []
+    for level in dict.fromkeys(row["level"] for row in statement.get("levels", ())):
+        rows = [row for row in statement["levels"] if row["level"] == level]
+        if rows[0]["moved"] < _LEAST_FRACTION:
+            continue
+        lines.append(
+            f"logic-tree level {level}: the rocks move {_percent(rows[0]['moved'])} of its weight ("
+            + ", ".join(f"{r['choice']} {r['prior_weight']:.3g} to {r['posterior_weight']:.3g}" for r in rows)
+            + ")"
+        )
+    if parts := [part for part in statement.get("parts", ()) if (part["share"] or 0.0) >= _LEAST_FRACTION]:
+        named = ", ".join(f"{_percent(part['share'])} is from {part['part']}" for part in parts)
+        lines.append(f"Of the toppling rate, {named}.")
+    return lines
+
+
+def _taken_at(branch: dict[str, Any]) -> list[str]:
+    """Line on the site of a branch's curve and its distance from the requested site."""
+    named = [branch["site_name"]] if branch.get("site_name") else []
+    if "site_longitude_deg" in branch:
+        place = f"longitude {branch['site_longitude_deg']:g}, latitude {branch['site_latitude_deg']:g}"
+        away = branch.get("site_distance_km")
+        named += [place] if away is None else [place, f"{away:.1f} km from --site"]
+    return [f"  taken at {', '.join(named)}"] if named else []
+
+
+def _reserved(branch: dict[str, Any], statement: dict[str, Any]) -> list[str]:
+    """Caveats of a branch's survival: interval over draws, and rates outside its curve's points."""
+    low, high, least = branch["survival_low"], branch["survival_high"], 1.0 - statement["confidence"]
+    lines = []
+    if low is not None:
+        hangs = "; the verdict depends on them" if low < least <= high else ""
+        lines.append(f"  survival {low:.3g} to {high:.3g} with {_varying(statement)} (95 %){hangs}")
+    for name, where in _OUTSIDE.items():
+        if (share := branch.get(name, 0.0)) > 0.01:
+            lines.append(f"  {100 * share:.0f} % of its toppling rate may lie {where}: not counted")
+    if branch.get("survival_least", 1.0) < least <= branch["survival"]:
+        lines.append(
+            f"  including it, survival would be {branch['survival_least']:.3g} and the branch inconsistent: give a "
+            "curve that extends further"
+        )
+    return lines
+
+
+_FEW_EVENTS = 5.0
+"""Effective number of events below which a branch's survival is reported as poorly supported."""
+
+
+def _event_lines(statement: dict[str, Any]) -> list[str]:
+    """Lines on a set of events: number of events, agreement of ground-motion models, and leave-one-out predictions."""
+    if "events" not in statement:
+        return []
+    branches, models = statement["branches"], statement["models"]
+    of = "1 branch" if len(branches) == 1 else f"{len(branches)} branches"
+    lines = [f"This rests on {statement['events']:,} events of {of}."]
+    if not any(row["level_prior_mean"] for row in statement["changes"]):
+        lines.append(
+            f"Fewer than ten events support a rate of {rate_words(RATES[0])} or less: none is stated."
+        )
+    few = [row["name"] for row in branches if 0 < row["effective_events"] < _FEW_EVENTS]
+    none = [row["name"] for row in branches if row["effective_events"] == 0]
+    if few:
+        lines.append(
+            f"Fewer than {_FEW_EVENTS:g} events bear the toppling rate of {listed(few, 4)}: simulate more years."
+        )
+    if none:
+        lines.append(
+            f"No event topples under {listed(none, 4)}: its true rate may be up to 3 events in the time simulated."
+        )
+    best, least = models[0], models[-1]
+    if len(models) > 1 and best["bayes_factor"] is None:
+        lines.append("The rocks survive under no ground-motion model, so that none can be preferred.")
+    elif len(models) > 1:
+        lines.append(
+            f"Of {len(models)} ground-motion models {best['model']} agrees best, {best['bayes_factor']:.2g} times the "
+            f"average; the least, {least['model']}, {least['bayes_factor']:.2g} times."
+        )
+    predicted = {row["left_out"]: row["survival_predicted"] for row in statement["left_out"]}
+    return lines + [
+        f"Without {name}: the other rocks predict that it stands with {0.0 if chance is None else chance:.3g}"
+        for name, chance in predicted.items()
+    ]

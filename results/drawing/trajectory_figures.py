@@ -1,21 +1,233 @@
-"""Output of a replayed shake: table, time series plots, interactive page and animation."""
+"""Output of a replayed shake: table, time series plots, interactive page and animated GIF."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from textwrap import wrap
 
+import matplotlib as mpl
 import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+from scipy.spatial.transform import Rotation
 
+from toppling.models.arrays import Array
 from toppling.models.files.csv_text import write_csv
 from toppling.models.files.folder import new_file, write_text
 from toppling.models.motions.motion import Motion
-from toppling.results.drawing.animation import moving_picture
-from toppling.results.drawing.page import replay_page
-from toppling.results.drawing.style import ALARM_COLOUR, COLOURS, FULL_WIDTH_IN, save, style
+from toppling.results.drawing.scene_figures import (
+    ARROW_COLOUR,
+    ELEVATION_DEG,
+    Surface,
+    azimuth_across,
+    painted,
+    replay_page,
+    shown_times,
+    smooth_surface,
+    surfaces_of,
+    view_frame,
+)
+from toppling.results.drawing.style import ALARM_COLOUR, COLOURS, FULL_WIDTH_IN, ROCK_COLOUR, save, style
 from toppling.results.replayed_job import Replay, trajectory_table
+
+_FRAMES_HZ, _MOST_FRAMES = 12.5, 100
+"""Frame rate, Hz, and maximum number of frames: a longer shake is played faster, which the heading states."""
+
+WIDTH, STRIP = 480, 92
+"""Width of the picture, and height of the seismogram's strip, pixels."""
+
+_ROW = 19
+"""Height of a line of the heading, pixels."""
+_OVERSAMPLING = 2
+"""Factor of resolution at which frames are drawn, to smooth edges."""
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """Constant parts of all frames: the rock's surface and the view."""
+
+    rock: Surface  # about its centre of mass, in the pose of its scene
+    frame: Array  # axes of the view
+    # Centre and half width of the view, along these axes.
+    middle: Array
+    half_m: float
+
+    def pixels(self, seen_m: Array, size: int) -> Array:
+        """Pixel coordinates (..., 2) of points along the view's axes, on a square of `size` pixels."""
+        return 0.5 * size * (1.0 + (seen_m[..., :2] - self.middle) / self.half_m * (1.0, -1.0))
+
+
+def _moving_picture(replay: Replay, path: Path, title: str) -> None:
+    """Write a GIF of the part of a shake in which the rock moves, with title, seismogram and speed."""
+    times = shown_times(replay, _FRAMES_HZ, _MOST_FRAMES)
+    position, turn = replay.at(times)
+    tilts = replay.tilts_deg(turn)
+    milliseconds = round(1000 / _FRAMES_HZ)
+    speed = (times[-1] - times[0]) / (len(times) - 1) / (1e-3 * milliseconds)
+    view = _view_of(replay, position)
+    ground = _ground(replay, view)
+    below = _seismogram(replay, times)
+    heading = _heading(title, speed)
+    frames = []
+    for time, centre_m, attitude, tilt in zip(times, position, turn, tilts, strict=True):
+        picture = Image.new("RGB", (WIDTH, heading.height + WIDTH + STRIP), "white")
+        picture.paste(heading, (0, 0))
+        picture.paste(_pose(replay, view, ground, centre_m, attitude, time), (0, heading.height))
+        picture.paste(below, (0, heading.height + WIDTH))
+        draw = ImageDraw.Draw(picture)
+        past = replay.topple_time_s is not None and time >= replay.topple_time_s
+        draw.text(
+            (8, heading.height + 6), f"{time:.2f} s, tilt {tilt:.1f}°" + (", past no return" if past else ""),
+            fill=ALARM_COLOUR if past else "black", font=_font(14),
+        )  # fmt: skip
+        x = _across(time, times)
+        draw.line(
+            [(x, heading.height + WIDTH + 4), (x, heading.height + WIDTH + STRIP - 18)],
+            fill="black",
+            width=2,
+        )
+        frames.append(picture.convert("P", palette=Image.Palette.ADAPTIVE, colors=128))
+    # The last pose is shown for a second.
+    durations = [milliseconds] * (len(frames) - 1) + [1000]
+    frames[0].save(path, format="GIF", save_all=True, append_images=frames[1:], duration=durations, loop=0)
+
+
+def _speed_words(speed: float) -> str:
+    """Describe the playback speed relative to real time."""
+    if abs(speed - 1.0) < 0.05:
+        return "real time"
+    return f"{speed:.1f} times real time" if speed > 1.0 else f"1/{1.0 / speed:.1f} of real time"
+
+
+def _view_of(replay: Replay, position: Array) -> _View:
+    """View across the fall that includes all poses."""
+    rock = replay.scene.rock
+    frame = view_frame(ELEVATION_DEG, azimuth_across(replay))
+    reach = float(np.linalg.norm(rock.vertices_m - rock.com_m, axis=1).max())
+    centres = position @ frame[:, :2]
+    low, high = centres.min(axis=0) - reach, centres.max(axis=0) + reach
+    surface = smooth_surface(rock.vertices_m - rock.com_m, rock.faces, ROCK_COLOUR)
+    return _View(surface, frame, 0.5 * (low + high), 0.5 * float((high - low).max()))
+
+
+def _ground(replay: Replay, view: _View) -> tuple[NDArray[np.uint8], Array]:
+    """Colour and depth of the pedestal (see `_drawn`); a plane is always behind the rock."""
+    pedestal = replay.scene.pedestal
+    triangles, colours, of_rock = painted(surfaces_of(replay.scene), view.frame, pedestal)
+    colour, depth = _drawn(view, triangles[~of_rock], colours[~of_rock])
+    return colour, np.full_like(depth, -np.inf) if pedestal.is_plane else depth
+
+
+def _drawn(view: _View, triangles: Array, colours: Array) -> tuple[NDArray[np.uint8], Array]:
+    """Orthographic image of coloured triangles (n, 3, 3), sorted from far to near: colour and depth of each pixel.
+
+    A pixel without a triangle has infinite depth.
+    """
+    size = _OVERSAMPLING * WIDTH
+    image = Image.new("I", (size, size))
+    draw = ImageDraw.Draw(image)
+    for number, outline in enumerate(view.pixels(triangles, size).reshape(-1, 6).tolist(), 1):
+        draw.polygon(outline, fill=number)
+    numbers = np.asarray(image)
+    depth = triangles[:, :, 2].mean(axis=1)
+    shades = (255 * np.concatenate([[to_rgb("#f4f6f8")], colours])).astype(np.uint8)
+    return shades[numbers], np.concatenate([[-np.inf], depth])[numbers]
+
+
+def _pose(
+    replay: Replay,
+    view: _View,
+    ground: tuple[NDArray[np.uint8], Array],
+    centre_m: Array,
+    attitude: Array,
+    time_s: float,
+) -> Image.Image:
+    """Frame of the rock, in front of or behind its pedestal, with the ground's acceleration as an arrow."""
+    turn = Rotation.from_quat(attitude).as_matrix().T
+    rock = replace(
+        view.rock, vertices_m=centre_m + view.rock.vertices_m @ turn, normals=view.rock.normals @ turn
+    )
+    triangles, colours, _ = painted([rock], view.frame, replay.scene.pedestal)
+    colour, depth = _drawn(view, triangles, colours)
+    image = Image.fromarray(np.where((depth > ground[1])[:, :, None], colour, ground[0]))
+    _draw_arrow(ImageDraw.Draw(image), replay, view, time_s, image.width)
+    return image.resize((WIDTH, WIDTH), Image.Resampling.BOX)
+
+
+def _draw_arrow(draw: ImageDraw.ImageDraw, replay: Replay, view: _View, time_s: float, size: int) -> None:
+    motion = replay.motion
+    ground = replay.ground_m_s2(time_s)
+    strongest = max(float(np.linalg.norm(motion.acceleration_m_s2, axis=1).max()), 1e-9)
+    origin = np.append(replay.scene.rock.com_m[:2], replay.scene.pedestal.point_m[2])
+    tip = origin + 0.6 * view.half_m * ground / strongest
+    start, end = view.pixels(np.array([origin, tip]) @ view.frame, size)
+    along = end - start
+    length = float(np.hypot(*along))
+    if length < 6:
+        return
+    unit = along / length
+    head = min(22.0, 0.5 * length)
+    across = np.array([-unit[1], unit[0]]) * 0.5 * head
+    draw.line([tuple(start), tuple(end - head * unit)], fill=ARROW_COLOUR, width=7)
+    draw.polygon(
+        [tuple(end), tuple(end - head * unit + across), tuple(end - head * unit - across)], fill=ARROW_COLOUR
+    )
+
+
+def _heading(title: str, speed: float) -> Image.Image:
+    lines = [*wrap(title, 62), f"{_speed_words(speed)}; arrow: ground's acceleration"]
+    image = Image.new("RGB", (WIDTH, _ROW * len(lines) + 8), "white")
+    draw = ImageDraw.Draw(image)
+    for number, line in enumerate(lines):
+        fill = "black" if number < len(lines) - 1 else "#555555"
+        draw.text((8, 4 + _ROW * number), line, fill=fill, font=_font(13))
+    return image
+
+
+def _seismogram(replay: Replay, times: Array) -> Image.Image:
+    """Plot of the stronger horizontal component over the time shown, with the point of no return."""
+    motion = replay.motion
+    column = int(np.argmax(np.abs(motion.acceleration_m_s2[:, :2]).max(axis=0)))
+    at = np.linspace(times[0], times[-1], 4 * WIDTH)
+    values = replay.ground_m_s2(at)[:, column]
+    peak = max(float(np.abs(values).max()), 1e-9)
+    image = Image.new("RGB", (WIDTH, STRIP), "white")
+    draw = ImageDraw.Draw(image)
+    middle, reach = (STRIP - 18) / 2 + 2, (STRIP - 26) / 2
+    draw.line([(8, middle), (WIDTH - 8, middle)], fill="#cccccc")
+    draw.line(
+        [
+            (_across(time, times), middle - reach * value / peak)
+            for time, value in zip(at, values, strict=True)
+        ],
+        fill="#31688e",
+    )
+    if replay.topple_time_s is not None and times[0] <= replay.topple_time_s <= times[-1]:
+        x = _across(replay.topple_time_s, times)
+        for y in range(4, STRIP - 18, 7):
+            draw.line([(x, y), (x, y + 4)], fill=ALARM_COLOUR, width=2)
+    component = ("east", "north")[column]
+    draw.text(
+        (8, STRIP - 17),
+        f"ground acceleration toward {component}, peak {peak:.2g} m/s²",
+        fill="#444444",
+        font=_font(12),
+    )
+    return image
+
+
+def _across(time: float, times: Array) -> float:
+    return 8 + (time - times[0]) / (times[-1] - times[0]) * (WIDTH - 16)
+
+
+def _font(size: int) -> ImageFont.FreeTypeFont:
+    return ImageFont.truetype(str(Path(mpl.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"), size)
+
 
 _COMPONENTS = (("x", "east", "-"), ("y", "north", "--"), ("z", "up", ":"))
 AFTER_FALL_S = 1.0
@@ -97,5 +309,5 @@ def write_replay(replay: Replay, folder: Path, title: str) -> Iterator[Path]:
     yield from save(figure, folder / "trajectory")
     yield write_text(replay_page(replay, title), folder / "replay.html")
     with new_file(folder / "replay.gif") as hidden:
-        moving_picture(replay, hidden, title)
+        _moving_picture(replay, hidden, title)
     yield folder / "replay.gif"

@@ -15,6 +15,14 @@ reported with the result (`unstated_fractions`):
 """
 
 __all__ = [
-    "ages", "curves", "events", "export", "faults", "gmm", "magnitudes", "measure_names",
-    "places", "survival", "tree", "update", "vector",
+    "ages",
+    "curves",
+    "events",
+    "gmm",
+    "magnitudes",
+    "measure_names",
+    "places",
+    "survival",
+    "tree",
+    "update",
 ]  # fmt: skip

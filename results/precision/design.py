@@ -1,24 +1,25 @@
-"""Sequential design: rounds of a campaign's jobs, each chosen from the answers to the rounds before it.
-
-Records are taken in a balanced random order, and so are the cells (azimuth and realisation) they are shaken in, so that
-all are represented as in the full campaign near the curve; a record that no level brings there has only random jobs.
-Levels lie where the current curve gives the probabilities that are most informative on the target; a fraction of the
-jobs has random levels, to detect a curve that is not lognormal. A round depends only on the answers to the rounds
-before it. The module decides, and does no input or output.
-"""
+"""Sequential design: rounds of jobs, each chosen from the answers before it, and the statement after each round."""
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
 from toppling.models.arrays import Array
-from toppling.results.analysis.bases import spread_of
+from toppling.models.errors import InputError
+from toppling.models.files.digest import read_json, write_json
+from toppling.results.analysis.lognormal import parts_words
+from toppling.results.analysis.resampling import spread_of
+from toppling.results.precision import STATEMENT_FILE
 from toppling.results.precision.probit import Answers, Curve, Departure, departure, fit_curve
 from toppling.results.precision.target import Estimate, Target, estimate
+from toppling.results.run_integrity import check_plan_id
+from toppling.results.schema import SHORT_NAMES
 
 _Numbers = NDArray[np.int64]
 
@@ -258,3 +259,85 @@ class Rounds:
             return
         self.chosen = np.concatenate([self.chosen, new])
         self.sizes.append(len(new))
+
+
+_SCHEMA_VERSION = 1
+"""Version of the statement's format."""
+
+
+def statement_of(rounds: Rounds, answered: int, records: int, contact: Mapping[str, float]) -> dict[str, Any]:
+    """Statement from the rounds of one contact so far.
+
+    rounds: rounds with a verdict.
+    answered, records: numbers of jobs with an answer and of their records.
+    contact: columns of the results and their values.
+    Returns dict: contact, target, measure, value, low, high, precision and asked (relative, but absolute for a
+    probability), beta, jobs, records, rounds, ended, reason, departure (of the answers from the curve, or None), words,
+    and sentence, which adds what remains to be done.
+    """
+    verdict = rounds.verdict
+    assert verdict is not None
+    content: dict[str, Any] = {
+        "contact": dict(contact), "target": rounds.target.name, "at": rounds.target.intensity,
+        "measure": verdict.measure, "asked": rounds.precision, "jobs": rounds.judged, "answered": answered,
+        "records": records, "rounds": list(rounds.sizes), "ended": verdict.ended, "reason": verdict.reason,
+        "jobs_needed": verdict.jobs_needed,
+    }  # fmt: skip
+    found, curve = verdict.estimate, verdict.curve
+    if found is None or curve is None:
+        sentence = f"nothing can be stated yet: {verdict.reason or 'too few answers'}"
+        return {**content, "value": None, "sentence": sentence}
+    words = rounds.target.words(verdict.measure, found.value, found.low, found.high)
+    if found.base:
+        words += f" ({parts_words({'records': found.precision, 'base': found.base})})"
+    words += f", from {rounds.judged} jobs with {records} records"
+    if verdict.departure is not None:
+        words += f"; {verdict.departure.words}"
+    sentence = words
+    if verdict.reason:
+        sentence += f"; not within {100 * rounds.precision:.3g} %: {verdict.reason}"
+    elif not verdict.ended:
+        sentence += f"; about {verdict.jobs_needed} jobs are needed for {100 * rounds.precision:.3g} %"
+    return {
+        **content, "value": found.value, "low": found.low, "high": found.high, "precision": found.precision,
+        "base": found.base,
+        "median": curve.median, "beta": curve.beta, "words": words, "sentence": sentence,
+        "departure": verdict.departure and asdict(verdict.departure),
+    }  # fmt: skip
+
+
+def write_statements(run: Path, statements: Sequence[Mapping[str, Any]], plan_id: str) -> None:
+    """Write the statements of a run, one per contact."""
+    content = {"schema_version": _SCHEMA_VERSION, "plan_id": plan_id, "statements": list(statements)}
+    write_json(run / STATEMENT_FILE, content)
+
+
+def statements_of(run: Path) -> list[dict[str, Any]]:
+    """Read the statements of a run; empty for a run without a target.
+
+    Raises InputError if the file is damaged, or of another run.
+    """
+    path = run / STATEMENT_FILE
+    if not path.exists():
+        return []
+    content = read_json(path, required=True)
+    if not isinstance(content, dict) or content.get("schema_version") != _SCHEMA_VERSION:
+        raise InputError(
+            "document.schema_version",
+            "is of another layout",
+            where=str(path),
+            expected=f"schema version {_SCHEMA_VERSION}",
+            remedy="remove it and go on with the run: it is written again",
+        )
+    check_plan_id(run, path, content.get("plan_id"))
+    return list(content["statements"])
+
+
+def sentences(statements: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Summary for a reader: one sentence per contact."""
+    texts = [statement["sentence"] for statement in statements]
+    if len(texts) > 1:
+        under = "with friction {friction_static:g} and restitution {restitution:g} "
+        texts = [under.format(**statement["contact"]) + statement["sentence"] for statement in statements]
+    names = tuple(SHORT_NAMES.values())
+    return [text if text.startswith(names) else text[0].upper() + text[1:] for text in texts]

@@ -17,8 +17,8 @@ from scipy.special import fdtrc, log_ndtr, ndtr, stdtrit
 
 from toppling.models.arrays import Array
 from toppling.models.proportions import effective_number
-from toppling.results.analysis.bases import bases_of
 from toppling.results.analysis.lognormal import LOG_ROOT_2_PI, probit_weights
+from toppling.results.analysis.resampling import bases_of
 
 _STEPS, _SMALL_STEP = 200, 1e-9
 """Maximum number of scoring steps; smallest damping factor, and relative change of coefficients that ends them."""

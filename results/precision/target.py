@@ -7,8 +7,8 @@ import numpy as np
 from scipy.special import ndtr, ndtri, stdtrit
 
 from toppling.models.arrays import Array
-from toppling.results.analysis.bases import BaseSpread
 from toppling.results.analysis.lognormal import Lognormal
+from toppling.results.analysis.resampling import BaseSpread
 from toppling.results.hazard.curves import HazardCurve
 from toppling.results.hazard.survival import toppling_rate
 from toppling.results.precision.probit import Curve

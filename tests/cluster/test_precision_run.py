@@ -21,7 +21,7 @@ from toppling.orchestrator.run import run
 from toppling.orchestrator.status import state_of
 from toppling.orchestrator.studies import precision
 from toppling.orchestrator.studies.precision import JobsForPrecision, _pools
-from toppling.results.precision.statement import statements_of
+from toppling.results.precision.design import statements_of
 from toppling.results.reader import open_run
 from toppling.workers.job import Assets, run_job
 

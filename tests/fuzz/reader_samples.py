@@ -41,7 +41,7 @@ from toppling.orchestrator.status import state_of
 from toppling.results.analysis.exchange import read_curves, write_curves
 from toppling.results.analysis.lognormal import Basis, Lognormal
 from toppling.results.hazard.ages import parse_age
-from toppling.results.hazard.faults import read_faults
+from toppling.results.hazard.places import read_faults
 from toppling.results.hazard.readers import Hints, read_hazard
 from toppling.results.hazard.readers.event_sets import read_events
 from toppling.results.reader import open_run

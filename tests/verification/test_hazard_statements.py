@@ -11,8 +11,7 @@ import pandas as pd
 import pytest
 from scipy.stats import norm
 
-from toppling.results.analysis.lognormal import Lognormal
-from toppling.results.analysis.regression import fit
+from toppling.results.analysis.lognormal import Lognormal, fit
 from toppling.results.analysis.resampling import bootstrap
 from toppling.results.hazard.ages import exposure, joint_ages
 from toppling.results.hazard.curves import HazardCurve

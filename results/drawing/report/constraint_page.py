@@ -1,15 +1,27 @@
-"""The page of a constraint, by curves of hazard or a set of events: the answer in words, then what it rests on."""
+"""The page of a constraint, by curves of hazard or a set of events, and the folder with its tables and figures."""
 
-from collections.abc import Callable, Mapping, Sequence
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
+from zipfile import ZIP_DEFLATED, ZipFile
 
 import pandas as pd
 from matplotlib.figure import Figure
 
+from toppling.models.files.csv_text import write_csv
+from toppling.models.files.folder import new_file, write_text
 from toppling.results.analysis.constraint import Constraint
-from toppling.results.completeness import Completeness
-from toppling.results.drawing.constraint_words import (
+from toppling.results.analysis.exchange import write_curves
+from toppling.results.drawing.hazard_figures import (
+    MOST_PANELS,
+    constraint_figure,
+    events_figure,
+    hazard_figure,
+)
+from toppling.results.drawing.sentences import (
     LARGEST_FACTOR,
     ages_words,
     all_words,
@@ -18,22 +30,18 @@ from toppling.results.drawing.constraint_words import (
     fragility_words,
     rate_words,
 )
-from toppling.results.drawing.hazard_figures import (
-    MOST_PANELS,
-    constraint_figure,
-    events_figure,
-    hazard_figure,
-)
-from toppling.results.drawing.report.document import Block, Document
 from toppling.results.drawing.style import (
     FULL_WIDTH_IN,
     HALF_WIDTH_IN,
     digits,
     printed_unit,
+    save,
     short_name,
     within,
 )
-from toppling.results.drawing.templates import rendered
+from toppling.results.drawing.templates import Block, Document, rendered
+from toppling.results.hazard.update import Update, write_openquake
+from toppling.results.reader import Completeness
 
 _MOST_BRANCHES = 15
 """Branches that the page's table holds, those with the most weight; the file has all."""
@@ -50,7 +58,7 @@ class Drawing:
     width_in: float = FULL_WIDTH_IN
 
 
-def curve_drawings(constraint: Constraint, statement: dict[str, Any]) -> list[Drawing]:
+def _curve_drawings(constraint: Constraint, statement: dict[str, Any]) -> list[Drawing]:
     """The hazard before and after, where there is one, and with ages the rates that are inconsistent."""
     found = []
     if (update := constraint.update) is not None:
@@ -87,7 +95,7 @@ def inconsistent_drawing(constraint: Constraint) -> list[Drawing]:
     ]
 
 
-def event_drawings(statement: dict[str, Any], tables: Mapping[str, pd.DataFrame]) -> list[Drawing]:
+def _event_drawings(statement: dict[str, Any], tables: Mapping[str, pd.DataFrame]) -> list[Drawing]:
     """Survival of branches, and the hazard before and after at each site, of each measure."""
     places = len(by_site_and_measure(statement["updated"], ""))
     caption = (
@@ -245,3 +253,60 @@ def _rocks(statement: dict[str, Any], document: Document) -> list[Block]:
         caption = "Each rock's survival as the branches predict it once the other rocks have weighted them."
         found.append(document.table(_picked(list(firsts.values()), names), caption))
     return found
+
+
+_TABLES = ("branches", "updated", "changes")
+"""Tables that are written as separate files; the statement contains all tables."""
+
+
+def write_constraint(
+    constraint: Constraint, statement: dict[str, Any], folder: Path, ratio: float = 1.0
+) -> Iterator[Path]:
+    """Write a constraint to a folder: page, statement, tables, figures, and the hazard with posterior weights.
+
+    statement: the constraint's statement, with the options that produced it.
+    folder: output folder, created if absent; files of the same names are replaced.
+    ratio: factor by which the hazard's motions were multiplied.
+    Yields each file, once it is complete.
+    """
+    yield from _write(statement, constraint.tables, _curve_drawings(constraint, statement), folder)
+    update = constraint.update
+    if update:
+        yield from _hazard_after(update, folder, ratio)
+    if constraint.random_rock is not None:
+        yield write_curves(folder / "random_rock.json", [constraint.random_rock.curve], "random rock")
+
+
+def write_events(
+    update: Update, statement: dict[str, Any], folder: Path, ratio: float = 1.0
+) -> Iterator[Path]:
+    """Write an update of a set of events to a folder (see `write_constraint`); yields each complete file."""
+    yield from _write(statement, update.tables, _event_drawings(statement, update.tables), folder)
+    yield from _hazard_after(update, folder, ratio)
+
+
+def _hazard_after(update: Update, folder: Path, ratio: float) -> Iterator[Path]:
+    """Write the hazard with its posterior weights, if it has these and coordinates of its sites."""
+    placed = all(update.events.sites[rock.site].place for rock in update.rocks)
+    if placed and len(update.events.branches) > 1 and update.posterior is not None:
+        target = folder / "openquake.zip"
+        with (
+            TemporaryDirectory() as made,
+            new_file(target) as hidden,
+            ZipFile(hidden, "w", ZIP_DEFLATED) as archive,
+        ):
+            for file in write_openquake(update, Path(made), ratio):
+                archive.write(file, file.name)
+        yield target
+
+
+def _write(
+    statement: dict[str, Any], tables: dict[str, pd.DataFrame], drawings: Sequence[Drawing], folder: Path
+) -> Iterator[Path]:
+    yield write_text(json.dumps(statement, indent=1, allow_nan=False) + "\n", folder / "constraint.json")
+    for name in _TABLES:
+        if name in tables:
+            yield write_csv(tables[name], folder / f"{name}.csv")
+    for drawing in drawings:
+        yield from save(drawing.draw(drawing.width_in), folder / drawing.stem, unfinished(statement))
+    yield write_text(constraint_page(statement, drawings), folder / "constraint.html")

@@ -14,13 +14,12 @@ from toppling.results.analysis import fits, resampling
 from toppling.results.analysis.constraint import Constraint
 from toppling.results.analysis.fragility import FRICTION, by_contact, contact_words
 from toppling.results.analysis.lognormal import Lognormal
-from toppling.results.completeness import Completeness
 from toppling.results.drawing.style import printed_unit
 from toppling.results.hazard.ages import Exposure, exposure, joint_ages
 from toppling.results.hazard.events import Standing
 from toppling.results.hazard.tree import HazardTree
 from toppling.results.hazard.update import Update
-from toppling.results.reader import Run
+from toppling.results.reader import Completeness, Run
 
 CONFIDENCE = 0.95
 

@@ -11,12 +11,11 @@ import pandas as pd
 from toppling.models.scene import Scene
 from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.analysis.side_by_side import RockResults, Shared
-from toppling.results.drawing.report.document import Block, Document, block
 from toppling.results.drawing.roses import wind_of
 from toppling.results.drawing.sentences import interval_words
 from toppling.results.drawing.side_by_side_figures import fragilities_figure, places_figure, thumbnail
 from toppling.results.drawing.style import png_bytes, printed_unit, short_name, within
-from toppling.results.drawing.templates import rendered
+from toppling.results.drawing.templates import Block, Document, block, rendered
 from toppling.results.reader import Run
 
 REPORT = "report.html"

@@ -10,15 +10,13 @@ from matplotlib.figure import Figure
 
 from toppling.models.spelling import counted
 from toppling.results.analysis.audit_statistics import audits_of
-from toppling.results.analysis.bases import narrowed_by
-from toppling.results.analysis.fits import FEW_TOPPLED
+from toppling.results.analysis.fits import FEW_TOPPLED, observed_fractions
 from toppling.results.analysis.lognormal import Lognormal
-from toppling.results.analysis.ranking import observed_fractions
+from toppling.results.analysis.resampling import narrowed_by
 from toppling.results.analysis.unphysical import unphysical_of
-from toppling.results.drawing import constraint_words
+from toppling.results.drawing import sentences
 from toppling.results.drawing.fit_figures import draw_curve, draw_fractions
 from toppling.results.drawing.report.content import CONFIDENCE, Contact, Content
-from toppling.results.drawing.report.document import Document, block
 from toppling.results.drawing.sentences import percent, what_topples
 from toppling.results.drawing.side_by_side_figures import thumbnail
 from toppling.results.drawing.style import (
@@ -32,6 +30,7 @@ from toppling.results.drawing.style import (
     style,
     within,
 )
+from toppling.results.drawing.templates import Document, block
 
 
 def first_screen(content: Content, document: Document) -> dict[str, Any]:
@@ -42,7 +41,7 @@ def first_screen(content: Content, document: Document) -> dict[str, Any]:
     return {
         "rock": content.run.rock,
         "unfinished": remark and f"This run is unfinished: {remark}. All numbers rest on those that have.",
-        "answers": [*said, *constraint_words.answer(content.statement or {})],
+        "answers": [*said, *sentences.answer(content.statement or {})],
         "view": picture and block("picture", png=picture, words=f"the rock {content.run.rock}"),
         "figure": document.figure(lambda width: _headline_figure(content, width), _caption(content)),
         "changes": list(_what_would_change(content)),

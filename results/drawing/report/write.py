@@ -12,10 +12,9 @@ from typing import Any
 from toppling.models.errors import InputError
 from toppling.models.files.folder import new_file
 from toppling.results.drawing.report.content import Content
-from toppling.results.drawing.report.document import Document, Section
 from toppling.results.drawing.report.headline import first_screen
 from toppling.results.drawing.report.sections import SECTIONS
-from toppling.results.drawing.templates import rendered
+from toppling.results.drawing.templates import Document, Section, rendered
 from toppling.results.reader import Run
 
 _BROWSERS = "chromium chromium-browser google-chrome google-chrome-stable chrome msedge microsoft-edge"

@@ -15,8 +15,16 @@ from toppling.results.hazard.readers import (
     opensha,
     text_columns,
 )
-from toppling.results.hazard.readers.assembly import combined, trees_of
-from toppling.results.hazard.readers.stated import HazardFile, Hints, Realisations, Stated, refuse, refused
+from toppling.results.hazard.readers.assembly import (
+    HazardFile,
+    Hints,
+    Realisations,
+    Stated,
+    combined,
+    refuse,
+    refused,
+    trees_of,
+)
 from toppling.results.hazard.tree import HazardTree
 
 __all__ = ["Hints", "assembly", "event_sets", "read_hazard"]

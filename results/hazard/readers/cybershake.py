@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from toppling.models.files.table import Table
 from toppling.results.hazard.measure_names import imt_of, measure_of
-from toppling.results.hazard.readers.stated import HazardFile, Statement
+from toppling.results.hazard.readers.assembly import HazardFile, Statement
 
 _NAME = re.compile(
     r"(?P<site>.+?)_ERF\d+_Run(?P<run>\d+)_(?P<imt>SA_(?P<period>\d+(?:[.p]\d+)?)sec|PGA|PGV)"

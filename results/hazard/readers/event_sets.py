@@ -1,28 +1,211 @@
 """Sets of events: OpenQuake's ground-motion fields, CyberShake's ruptures, and a plain table; found by content."""
 
+import io
+import re
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 import pandas as pd
 
-from toppling.models.errors import InputError
+from toppling.models.errors import InputError, refusals
+from toppling.models.files import table as text
+from toppling.models.files.given import LONGEST_LINE_BYTES, check_lines, open_given
+from toppling.models.files.text_file import HEAD_BYTES, encoding_of
 from toppling.results.hazard.events import EventBranch, EventSet, EventSite
-from toppling.results.hazard.measure_names import measure_of, measure_with_unit
-from toppling.results.hazard.readers.event_tables import (
-    BRANCH,
-    EVENT,
-    RUPTURE,
-    SITE,
-    Table,
-    belongs,
-    branch_of,
-    event_error,
-    kind_of,
-    measure_factors,
-    only_one,
-    opened,
+from toppling.results.hazard.measure_names import UNSCALED, measure_of, measure_with_unit
+from toppling.results.hazard.readers.openquake_curves import header_values
+
+EVENT, SITE, BRANCH = "event_id", "site_id", "rlz_id"
+_ALIASES = {"eid": EVENT, "sid": SITE, "custom_site_id": SITE, "rlzi": BRANCH, "ordinal": BRANCH}
+"""Names of earlier versions of OpenQuake, and what they mean."""
+
+_CYBERSHAKE = ("Source_ID", "Rupture_ID", "Rupture_Variation_ID", "Rupture_Probability", "IM_Value", "Units")
+_LARGEST_BYTES = 4_000_000_000
+_MOST_COLUMNS = 10_000
+_MOST_COMMENTS = 30
+"""Lines above the columns."""
+
+RUPTURE = ["Source_ID", "Rupture_ID"]
+
+
+event_error = refusals(
+    expected="one set of events: OpenQuake's gmf-data with events, ruptures, realizations and sitemesh; "
+    "CyberShake's query of intensity measures; or a table of annual_rate and measures",
+    remedy="give the folder of one calculation, or the file with the motions",
 )
+"""Refuse a set of events."""
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """A CSV file with what its comment line states."""
+
+    path: Path
+    header: tuple[str, ...]  # columns, by today's names
+    keys: Mapping[str, str]  # of the comment line
+    head: text.Table  # of the first rows
+    skipped: int  # lines above the columns
+    encoding: str
+
+    def frame(self) -> pd.DataFrame:
+        """All rows; identifiers of sites are text."""
+        texts = dict.fromkeys(("site_id", "custom_site_id", "sid", "Site_Name"), str)
+        try:
+            with open_given(self.path, event_error, _LARGEST_BYTES) as file:
+                check_lines(file, self.path, event_error)
+                _check_cells(file, len(self.header), self.path)
+                frame = pd.read_csv(
+                    file,
+                    sep=self.head.sign or ",",
+                    skiprows=self.skipped,
+                    dtype=texts,
+                    encoding=self.encoding,
+                    decimal=self.head.decimal,
+                    thousands=self.head.thousands,
+                )
+        except InputError:
+            raise
+        except (ValueError, pd.errors.ParserError) as error:
+            raise event_error("table.unreadable", f"cannot be read ({error})", self.path) from error
+        return frame.rename(columns=_named)
+
+
+def _check_cells(file: IO[bytes], columns: int, path: Path) -> None:
+    """Refuse a table that the rows do not fill: pandas makes all of its cells, however few bytes they take.
+
+    Every cell takes a byte at least, that of its separator.
+    """
+    rows = sum(chunk.count(b"\n") for chunk in iter(lambda: file.read(LONGEST_LINE_BYTES), b""))
+    if rows * columns > file.tell() or columns > _MOST_COLUMNS:
+        what = f"has {columns:,} columns: more than {_MOST_COLUMNS:,}, or than its {rows:,} lines fill"
+        raise event_error("table.too_many_columns", what, path)
+    file.seek(0)
+
+
+def _named(column: str) -> str:
+    """Name of a column today: of other versions, and of people who begin words with capitals."""
+    bare = column.strip().strip('"')
+    plain = bare.lower()
+    return _ALIASES.get(plain, plain if plain in (EVENT, SITE, "annual_rate") else bare)
+
+
+def opened(path: Path) -> Table | None:
+    """Table of a file, of which the first lines are read; None where it is no text."""
+    try:
+        with open_given(path, event_error) as file:
+            encoding = encoding_of(file.read(HEAD_BYTES).rpartition(b"\n")[0])
+            if encoding is None:
+                return None
+            file.seek(0)
+            lines = io.TextIOWrapper(file, encoding)
+            head = text.Table.of([lines.readline(LONGEST_LINE_BYTES) for _ in range(_MOST_COMMENTS)], path)
+    except (InputError, UnicodeDecodeError):
+        return None
+    skipped = head.rows[0][0] if head.rows else 0
+    keys = header_values(head.lines[0]) if skipped else {}
+    return Table(path, tuple(map(_named, head.names)), keys, head, skipped, encoding)
+
+
+def _kind_of(table: Table) -> str:
+    """What a table is, by its columns."""
+    columns = set(table.header)
+    if EVENT in columns and any(name.startswith("gmv_") for name in columns):
+        return "fields"
+    if columns.issuperset(_CYBERSHAKE):
+        return "cybershake"
+    if {"rup_id", "multiplicity"} <= columns:
+        return "ruptures"
+    if EVENT in columns and columns <= {EVENT, "rup_id", BRANCH, "year", "ses_id"}:
+        return "events"
+    if {BRANCH, "weight"} <= columns:
+        return "realizations"
+    if {"Num_Rup_Vars", *RUPTURE} <= columns:
+        return "variations"
+    if {"Site_Name", "Site_Longitude", "Site_Latitude"} <= columns:
+        return "places"
+    if {SITE, "lon", "lat"} <= columns <= {SITE, "lon", "lat", "depth", "vs30"}:
+        return "sitemesh"
+    measures = [name for name in table.header if measure_with_unit(name)]
+    if "annual_rate" in columns and (len(measures) > 1 or (measures and columns & {EVENT, SITE})):
+        return "plain"  # one measure alone and no events or sites: a hazard curve
+    return ""
+
+
+def belongs(one: Table, to: Table) -> bool:
+    """Whether a file is of the same calculation: by the checksum that both state, or their names' last number."""
+    stated = one.keys.get("checksum"), to.keys.get("checksum")
+    if all(stated):
+        return stated[0] == stated[1]
+    numbers = [re.search(r"_(\d+)$", table.path.stem) for table in (one, to)]
+    return not all(numbers) or numbers[0][1] == numbers[1][1]  # type: ignore[index]
+
+
+def _only_one(kind: str, tables: list[Table]) -> Table | None:
+    """The table of a kind, of which there is to be at most one."""
+    found = [table for table in tables if _kind_of(table) == kind]
+    if len(found) > 1:
+        names = ", ".join(table.path.name for table in found)
+        raise event_error(
+            "events.several_tables", f"holds several tables of {kind}: {names}", found[0].path.parent
+        )
+    return found[0] if found else None
+
+
+def _measure_factors(
+    table: Table, prefix: str, known: Callable[[str], tuple[str, float] | None], ratio: float
+) -> dict[str, tuple[str, float]]:
+    """Column and factor to SI of each measure that is known."""
+    found: dict[str, tuple[str, float]] = {}
+    for name in table.header:
+        measure = known(name.removeprefix(prefix)) if name.startswith(prefix) else None
+        if measure and measure[0] in [column for column, _ in found.values()]:
+            raise event_error(
+                "events.measure_repeated",
+                f"states {measure[0]} in two columns, {name} the second",
+                table.path,
+            )
+        if measure:
+            found[name] = (
+                measure[0],
+                measure[1] * (ratio if measure[0] not in UNSCALED else 1.0),
+            )
+    if not found:
+        raise event_error(
+            "events.no_measure",
+            f"states no measure that is known here: {', '.join(table.header)}",
+            table.path,
+        )
+    return found
+
+
+def _branch_of(
+    name: str, rows: pd.DataFrame, sites: Mapping[str, EventSite], factors: Mapping[str, tuple[str, float]],
+    rate_of: Callable[[int], float], weight: float,
+) -> EventBranch:  # fmt: skip
+    """Events of one branch: what a row is missing for was below the engine's least intensity, and counts as 0."""
+    events, event = np.unique(rows[EVENT], return_inverse=True)
+    site = rows[SITE].map({name: number for number, name in enumerate(sites)}).to_numpy(int)
+    motions = {}
+    for column, (measure, factor) in factors.items():
+        values = pd.to_numeric(rows[column], errors="coerce").to_numpy(float)
+        if wrong := values[~(np.isfinite(values) & (values >= 0))].tolist():
+            raise InputError(
+                "events.motion_negative",
+                what=f"states a motion of {wrong[0]:g}",
+                where=f"{name}, {column}",
+                expected="numbers of 0 and above",
+                remedy="remove the row, or correct it",
+            )
+        grid = np.zeros((len(events), len(sites)))
+        grid[event, site] = values * factor
+        motions[measure] = grid
+    rate = np.full(len(events), rate_of(len(events)) if len(events) else 0.0)
+    model = name.partition("~")[2] or name  # ground-motion part of a branch's path
+    return EventBranch(name, rate, motions, weight, model)
+
 
 _SITE_BYTES = 8
 """Length to which OpenQuake cuts a site's own name."""
@@ -32,16 +215,16 @@ def _read_fields(
     table: Table, beside: list[Table], ratio: float, event_rate: float | None, catalogue_years: float | None
 ) -> EventSet:
     rows = table.frame()
-    events, ruptures = only_one("events", beside), only_one("ruptures", beside)
+    events, ruptures = _only_one("events", beside), _only_one("ruptures", beside)
     rows = _with_branches(rows, table, events)
-    weights, paths = _realizations(only_one("realizations", beside), rows, table)
-    sites = _sites(rows, only_one("sitemesh", beside), table)
-    factors = measure_factors(table, "gmv_", measure_of, ratio)
+    weights, paths = _realizations(_only_one("realizations", beside), rows, table)
+    sites = _sites(rows, _only_one("sitemesh", beside), table)
+    factors = _measure_factors(table, "gmv_", measure_of, ratio)
     years, rate_of = _rates(table, events, ruptures, event_rate, catalogue_years)
     branches = []
     for number, weight in weights.items():
         name, mine = paths[number] or f"{BRANCH} {number}", rows[rows[BRANCH] == number]
-        branches.append(branch_of(name, mine, sites, factors, rate_of, weight))
+        branches.append(_branch_of(name, mine, sites, factors, rate_of, weight))
     note = () if event_rate is None else (f"the scenario's rate is taken as {event_rate:g} a year",)
     # The engine draws the residuals within an event for each measure by itself, whatever its cross_correlation.
     source = str(table.path.parent)
@@ -159,7 +342,7 @@ _CM_S2 = ("cm per sec squared", "cm/s^2", "cm/s2", "cm/sec^2")
 def is_event_set(path: Path) -> bool:
     """Whether a file, or a folder, holds events with their motions."""
     files = sorted(path.glob("*.csv")) if path.is_dir() else [path]
-    return any(kind_of(table) in _BEARING for file in files if (table := opened(file)))
+    return any(_kind_of(table) in _BEARING for file in files if (table := opened(file)))
 
 
 def read_events(
@@ -182,7 +365,7 @@ def read_events(
     if path.is_file() and path not in files:
         files.append(path)
     tables = [table for file in files if (table := opened(file))]
-    bearing = [table for table in tables if kind_of(table) in _BEARING]
+    bearing = [table for table in tables if _kind_of(table) in _BEARING]
     chosen = [table for table in bearing if path.is_dir() or table.path.samefile(path)]
     if len(chosen) != 1:
         what = f"holds {len(chosen)} event sets: {', '.join(one.path.name for one in chosen)}" if chosen else (
@@ -195,7 +378,7 @@ def read_events(
         "fields": _read_fields, "cybershake": _cybershake, "plain": _plain,
     }  # fmt: skip
     try:
-        return readers[kind_of(table)](table, beside, ratio, event_rate, catalogue_years)
+        return readers[_kind_of(table)](table, beside, ratio, event_rate, catalogue_years)
     except InputError:
         raise
     except (ValueError, TypeError, LookupError, ArithmeticError) as error:
@@ -205,7 +388,7 @@ def read_events(
 
 
 def _cybershake(table: Table, beside: list[Table], ratio: float, *_: object) -> EventSet:
-    rows, counts = table.frame(), only_one("variations", beside)
+    rows, counts = table.frame(), _only_one("variations", beside)
     components, units = (sorted(rows[name].astype(str).unique()) for name in ("Component", "Units"))
     if len(components) > 1 or any(unit not in _CM_S2 for unit in units):
         raise event_error(
@@ -245,7 +428,7 @@ def _cybershake(table: Table, beside: list[Table], ratio: float, *_: object) -> 
         notes.append(
             f"{missing} variations of the ruptures are not in the file, and are taken to topple nothing"
         )
-    places = only_one("places", beside)
+    places = _only_one("places", beside)
     return _of_rows(wide.rename(columns={"Site_Name": SITE}), factors, table, tuple(notes), places)
 
 
@@ -256,7 +439,7 @@ _MOST_STRONG_G = 3.0
 
 def _plain(table: Table, beside: list[Table], ratio: float, *_: object) -> EventSet:  # noqa: ARG001
     rows = table.frame()
-    factors = measure_factors(table, "", measure_with_unit, ratio)
+    factors = _measure_factors(table, "", measure_with_unit, ratio)
     bare: list[str] = []
     for name, (column, _factor) in factors.items():
         if column.endswith("_m_s2") and measure_of(name):
@@ -295,7 +478,7 @@ def _of_rows(
     known = places.frame().drop_duplicates("Site_Name").set_index("Site_Name") if places else pd.DataFrame()
     at = {name: (row["Site_Longitude"], row["Site_Latitude"]) for name, row in known.iterrows()}
     sites = {name: EventSite(name, at.get(name)) for name in dict.fromkeys(rows[SITE])}
-    branch = branch_of(table.path.stem, rows, sites, factors, lambda _: 1.0, 1.0)
+    branch = _branch_of(table.path.stem, rows, sites, factors, lambda _: 1.0, 1.0)
     rates = by_event.first().sort_index().to_numpy(float)
     return EventSet(
         tuple(sites.values()), (EventBranch(branch.name, rates, branch.motions, 1.0, branch.name),), str(table.path),

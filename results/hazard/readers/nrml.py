@@ -5,7 +5,7 @@ from xml.etree import ElementTree
 
 from toppling.models.files.documents import xml_of
 from toppling.results.hazard.measure_names import imt_of
-from toppling.results.hazard.readers.stated import HazardFile, Statement, refused
+from toppling.results.hazard.readers.assembly import HazardFile, Statement, refused
 from toppling.results.hazard.readers.text_columns import with_usual_unit
 
 _CURVES = re.compile(r"<(?:\w+:)?(?:hazardCurves|hazardCurveField)[\s>]")

@@ -18,7 +18,7 @@ from toppling.models.files.documents import json_of, read_json
 from toppling.models.motions.formats.units import unit_of
 from toppling.results.hazard.curves import HazardCurve
 from toppling.results.hazard.measure_names import LONGEST_NAME, imt_of, measure_of, quantity_of
-from toppling.results.hazard.readers.stated import HazardFile, Statement, refuse, refused
+from toppling.results.hazard.readers.assembly import HazardFile, Statement, refuse, refused
 
 _DEPTH = 5
 """Folders between a file of curves and the root of its output, at most: IMT/source/TYPE/curves.csv."""

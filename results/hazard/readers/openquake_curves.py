@@ -10,7 +10,7 @@ import numpy as np
 
 from toppling.models.openquake import header_values
 from toppling.results.hazard.measure_names import imt_of
-from toppling.results.hazard.readers.stated import HazardFile, Realisations, Stated, Statement
+from toppling.results.hazard.readers.assembly import HazardFile, Realisations, Stated, Statement
 
 _NAMED = re.compile(
     r"(rlz-\d+|quantile(?:_curve)?-\d*\.?\d+|mean|max|std)(?:-(?P<imt>[A-Z]+(?:\([\d.]+\))?))?"

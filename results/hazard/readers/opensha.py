@@ -10,8 +10,8 @@ from typing import Any
 
 from toppling.models.files.csv_text import is_numeral
 from toppling.results.hazard.measure_names import imt_of, measure_with_unit
-from toppling.results.hazard.readers.stated import HazardFile, Statement
-from toppling.results.hazard.readers.value_columns import says_value, values_of
+from toppling.results.hazard.readers.assembly import HazardFile, Statement
+from toppling.results.hazard.readers.text_columns import says_value, values_of
 
 _IMT = re.compile(r"\bIMT = ([A-Za-z]\w*)")
 _PERIOD = re.compile(r"\bSA Period = ([\d.]+)")

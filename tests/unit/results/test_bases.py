@@ -5,9 +5,8 @@ import pandas as pd
 import pytest
 
 from toppling.orchestrator.order import realisations_spread
-from toppling.results.analysis.bases import base_spread, narrowed_by
-from toppling.results.analysis.regression import design_of, fit
-from toppling.results.analysis.resampling import sampled
+from toppling.results.analysis.lognormal import design_of, fit
+from toppling.results.analysis.resampling import base_spread, narrowed_by, sampled
 
 MEDIAN, RECORDS, LEVELS, AZIMUTHS = 0.5, 24, 6, 4
 FROM_RECORD, FROM_JOB = 0.25, 0.25

@@ -5,10 +5,17 @@ import pandas as pd
 import pytest
 from seeded import row
 
-from toppling.results.analysis.directions import least_sector, sector_share, topple_rose
-from toppling.results.analysis.fragility import CONTACT_COLUMNS, PLANES
-from toppling.results.analysis.friction_comparison import compare_cells, compare_frictions, compare_jobs
-from toppling.results.drawing.friction_figures import friction_figure
+from toppling.results.analysis.fragility import (
+    CONTACT_COLUMNS,
+    PLANES,
+    compare_cells,
+    compare_frictions,
+    compare_jobs,
+    least_sector,
+    sector_share,
+    topple_rose,
+)
+from toppling.results.drawing.maps import friction_figure
 
 
 def frame_of(jobs):

@@ -9,12 +9,12 @@ from seeded import rows
 from toppling.models.files.digest import write_json
 from toppling.results.analysis.fits import answered, headline
 from toppling.results.analysis.fragility import contact_words
-from toppling.results.analysis.regression import fit
+from toppling.results.analysis.lognormal import fit
 from toppling.results.drawing.report.content import Content
-from toppling.results.drawing.report.document import Document
-from toppling.results.drawing.report.methods import methods_section
+from toppling.results.drawing.report.sections import methods_section
 from toppling.results.drawing.report.write import write_pdf
 from toppling.results.drawing.side_by_side_figures import across_date_line
+from toppling.results.drawing.templates import Document
 from toppling.results.reader import open_run
 from toppling.results.schema import SCHEMA
 from toppling.results.store import write_part

@@ -7,17 +7,16 @@ import pandas as pd
 import pytest
 from seeded import BETA, THETA_M_S, rows
 
-from toppling.results.analysis.fits import answered
-from toppling.results.analysis.fragility import wilson
-from toppling.results.analysis.lognormal import Lognormal, lognormal_interval
-from toppling.results.analysis.ranking import (
+from toppling.results.analysis.fits import (
+    answered,
     calibration,
     compare_measures,
     observed_fractions,
     out_of_fold,
     scores,
 )
-from toppling.results.analysis.regression import fit
+from toppling.results.analysis.fragility import wilson
+from toppling.results.analysis.lognormal import Lognormal, fit, lognormal_interval
 from toppling.results.analysis.resampling import bootstrap
 from toppling.results.schema import SCHEMA
 
@@ -107,7 +106,7 @@ def test_each_job_is_predicted_by_a_fit_to_other_records(jobs, monkeypatch):
         held_out.append(set(jobs["record_id"]) - set(frame["record_id"]))
         return fit(frame, *rest)
 
-    monkeypatch.setattr("toppling.results.analysis.ranking.fit", seen)
+    monkeypatch.setattr("toppling.results.analysis.fits.fit", seen)
     predicted = out_of_fold(jobs, ["pgv_m_s"])
     assert sorted(record for held in held_out for record in held) == sorted(jobs["record_id"].unique())
     for held in held_out:

@@ -22,7 +22,7 @@ from toppling.results.analysis.fragility import (
     unplaced,
     wilson,
 )
-from toppling.results.analysis.regression import fit
+from toppling.results.analysis.lognormal import fit
 from toppling.results.drawing.run_figures import write_maps
 from toppling.results.reader import open_run
 from toppling.results.store import write_part

@@ -13,7 +13,6 @@ from scipy.stats import norm
 
 from toppling.models.motions.deaggregation import Bin
 from toppling.results.analysis.lognormal import Lognormal
-from toppling.results.hazard.faults import azimuthal_km, read_faults
 from toppling.results.hazard.gmm import MODELS, GroundMotionModel
 from toppling.results.hazard.magnitudes import (
     bins_words,
@@ -30,7 +29,7 @@ from toppling.results.hazard.magnitudes import (
     toppled,
     toppling_probability,
 )
-from toppling.results.hazard.places import distance_km
+from toppling.results.hazard.places import azimuthal_km, distance_km, read_faults
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import norm
 
-from toppling.results.analysis.regression import fit
+from toppling.results.analysis.lognormal import fit
 from toppling.results.hazard.curves import HazardCurve
-from toppling.results.precision.design import FIRST_ROUND, Rounds, Verdict, choose
+from toppling.results.precision.design import FIRST_ROUND, Rounds, Verdict, choose, statement_of
 from toppling.results.precision.probit import Answers, fit_curve
-from toppling.results.precision.statement import statement_of
 from toppling.results.precision.target import Target, estimate
 
 BENCHMARKS = Path(__file__).parents[3] / "benchmarks"

@@ -8,7 +8,7 @@ from statsmodels.genmod.families import Binomial
 from statsmodels.genmod.families.links import Logit, Probit
 from statsmodels.genmod.generalized_linear_model import GLM
 
-from toppling.results.analysis.regression import design_of, fit, grouped
+from toppling.results.analysis.lognormal import design_of, fit, grouped
 from toppling.results.analysis.resampling import refitted
 
 

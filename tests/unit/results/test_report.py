@@ -21,10 +21,10 @@ from browser import needs_browser, overflow
 from toppling.models.scene import Scene
 from toppling.orchestrator.cli import cli
 from toppling.results.drawing.report.content import Content
-from toppling.results.drawing.report.document import Document
 from toppling.results.drawing.report.headline import first_screen
 from toppling.results.drawing.report.sections import SECTIONS, fit_table
 from toppling.results.drawing.report.write import report_page, write_pdf
+from toppling.results.drawing.templates import Document
 from toppling.results.hazard.curves import HazardCurve
 from toppling.results.hazard.tree import Branch, HazardTree
 from toppling.results.reader import open_run

@@ -17,12 +17,11 @@ from toppling.orchestrator.plan import plan
 from toppling.orchestrator.run_folder import prepare
 from toppling.orchestrator.status import state_of
 from toppling.results.analysis.exchange import read_curves
-from toppling.results.completeness import Completeness
 from toppling.results.drawing.report.content import Content
-from toppling.results.drawing.report.document import Document
 from toppling.results.drawing.report.headline import first_screen
-from toppling.results.drawing.report.methods import methods
-from toppling.results.reader import open_run
+from toppling.results.drawing.report.sections import methods
+from toppling.results.drawing.templates import Document
+from toppling.results.reader import Completeness, open_run
 from toppling.results.store import write_part
 
 LEVELS = (4, 8, 12)

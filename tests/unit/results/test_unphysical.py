@@ -8,7 +8,7 @@ from seeded import rows
 
 from toppling.models.motions.quality import is_beyond
 from toppling.results.analysis.fits import answered
-from toppling.results.analysis.regression import fit
+from toppling.results.analysis.lognormal import fit
 from toppling.results.analysis.unphysical import unphysical_of
 from toppling.results.reader import open_run
 from toppling.results.store import write_part

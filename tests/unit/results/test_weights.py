@@ -14,7 +14,7 @@ from seeded import rows
 from toppling.orchestrator.cli import cli
 from toppling.results.analysis.fits import answered
 from toppling.results.analysis.fragility import effective_records
-from toppling.results.analysis.regression import fit
+from toppling.results.analysis.lognormal import fit
 from toppling.results.reader import open_run
 from toppling.results.store import write_part
 from toppling.results.weights import WEIGHTS_FILE, Weights, unweighted_rows, weighted_rows

@@ -15,7 +15,7 @@ from browser import needs_browser, overflow
 from toppling.models.files.mesh_files import read_triangles
 from toppling.models.scene import Scene
 from toppling.orchestrator.verbs.scene import scene
-from toppling.results.drawing.page import scene_page
+from toppling.results.drawing.scene_figures import scene_page
 
 
 @pytest.fixture

@@ -21,9 +21,9 @@ from plain_bullet import STEPS_A_SECOND, topples
 from scipy.stats import binomtest
 
 from toppling.models.errors import InputError
-from toppling.models.files.tables import read_table, write_table
+from toppling.models.files.digest import read_table, write_table
 from toppling.models.motions.ensemble import Ensemble
-from toppling.models.motions.impose import impose
+from toppling.models.motions.record import impose
 from toppling.models.scene import Scene
 from toppling.orchestrator.processes import assets, pool_of
 from toppling.results.analysis.lognormal import fit

@@ -15,7 +15,7 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cluster import local
-from toppling.orchestrator.estimate import estimate
+from toppling.orchestrator.pilot import estimate
 from toppling.orchestrator.plan import plan
 from toppling.orchestrator.run import run
 

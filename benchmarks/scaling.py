@@ -53,8 +53,7 @@ from toppling.orchestrator.cluster import load_defaults
 from toppling.orchestrator.context import RunProgress, Work
 from toppling.orchestrator.dispatch import FIRST_JOBS, Batch, Dispatch
 from toppling.orchestrator.execution import Execution, budget_s, room_for
-from toppling.orchestrator.order import balanced_order, taking_turns
-from toppling.orchestrator.plan import Plan, plan_of
+from toppling.orchestrator.plan import Plan, balanced_order, plan_of, taking_turns
 from toppling.orchestrator.run_folder import prepare
 from toppling.orchestrator.task import ROCKS_CACHED, RunKey, versions
 from toppling.results.schema import SCHEMA

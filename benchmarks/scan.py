@@ -44,7 +44,7 @@ from toppling.models.scan.read import Cloud, read_clouds
 from toppling.models.scan.survey import Survey, survey
 from toppling.models.scene import Scene
 from toppling.models.statics import quasi_static_toppling_m_s2
-from toppling.orchestrator.settling_notes import Settled
+from toppling.orchestrator.rocks_of_run import Settled
 from toppling.workers.options import PRESETS
 
 PAGE = Path(__file__).parent / "reports" / "scan.md"

@@ -1,7 +1,22 @@
 """Scenes and motions, independent of engines and clusters."""
 
 __all__ = [
-    "arrays", "bearings", "compiled", "contact", "described", "errors", "frames", "kept",
-    "lengths", "matplotlib_alone", "openquake", "pedestal", "proportions", "relief", "scene", "settling",
-    "shapes", "spelling", "statics", "terminal", "trajectory",
+    "arrays",
+    "compiled",
+    "described",
+    "errors",
+    "frames",
+    "kept",
+    "lengths",
+    "matplotlib_alone",
+    "openquake",
+    "pedestal",
+    "proportions",
+    "relief",
+    "scene",
+    "settling",
+    "shapes",
+    "statics",
+    "terminal",
+    "trajectory",
 ]  # fmt: skip

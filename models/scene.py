@@ -15,19 +15,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from toppling.models.arrays import Array
-from toppling.models.bearings import azimuth_of
-from toppling.models.contact import ContactProperties
 from toppling.models.described import Described
 from toppling.models.errors import check_positive, refusals
 from toppling.models.files import digest
 from toppling.models.files.documents import finite, shown
 from toppling.models.files.folder import instead, local, new_folder
 from toppling.models.files.mesh_files import MeshLike, read_triangles, remarks_of, triangles_of, write_ply
-from toppling.models.files.scene_document import BASES, SCHEMA_VERSION, digests_of_scene, read_own
-from toppling.models.frames import STANDARD_GRAVITY_M_S2, rotation_between
+from toppling.models.files.schemas import BASES, SCHEMA_VERSION, digests_of_scene, read_own
+from toppling.models.frames import STANDARD_GRAVITY_M_S2, azimuth_of, rotation_between
 from toppling.models.hidden_base.draws import UnseenBase
 from toppling.models.lengths import check_remarks, metres_in, too_large
-from toppling.models.pedestal import Pedestal
+from toppling.models.pedestal import ContactProperties, Pedestal
 from toppling.models.rock import Rock, check_size, check_triangles, nearby_origin_m
 from toppling.models.rounded.base import RollingBody, RoundedBase, refined, rounded_base_of
 from toppling.models.shapes import box

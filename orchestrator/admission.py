@@ -15,11 +15,11 @@ from distributed import Client
 
 from toppling.models.errors import InputError
 from toppling.orchestrator.cluster_supervisor import ClusterSupervisor
+from toppling.orchestrator.code_identity import unlike
 from toppling.orchestrator.compiling import COMPILING
 from toppling.orchestrator.context import RunError
 from toppling.orchestrator.delivery import NotDeliveredError, StorageError, send
 from toppling.orchestrator.leaving import let_leave_in_order
-from toppling.orchestrator.processor import unlike
 from toppling.orchestrator.task import RunKey, check, must_compile
 
 log = logging.getLogger(__name__)

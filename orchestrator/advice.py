@@ -6,12 +6,12 @@ from collections.abc import Sequence
 import numpy as np
 import pyarrow as pa
 
-from toppling.models.contact import ContactProperties
 from toppling.models.files.documents import listed
 from toppling.models.frames import STANDARD_GRAVITY_M_S2, compass_deg
 from toppling.models.hidden_base.intervals import median_width
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.quality import LARGEST_FACTOR, LARGEST_PGD_M, TOLD_PGV_M_S, is_beyond, words
+from toppling.models.pedestal import ContactProperties
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.pilot import Statics, statics_of

@@ -16,11 +16,10 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from toppling.models.arrays import Flags
-from toppling.models.contact import ContactProperties
-from toppling.models.files.tables import read_table
+from toppling.models.files.digest import read_table
 from toppling.models.hidden_base.draws import draw_of
-from toppling.models.motions.catalogue import CATALOG
-from toppling.models.motions.measures import MEASURES, SCALING_POWER
+from toppling.models.motions.measures import CATALOG, MEASURES, SCALING_POWER
+from toppling.models.pedestal import ContactProperties
 from toppling.orchestrator.plan import Plan, PlannedScene, Rows
 from toppling.results.schema import LIMITS, SCHEMA
 from toppling.workers.job import AXES, drawn_contact

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from toppling.models.bearings import azimuth_of
-from toppling.models.contact import ContactProperties
 from toppling.models.errors import InputError
 from toppling.models.files.documents import is_number, read_toml, shown
 from toppling.models.files.folder import local
+from toppling.models.frames import azimuth_of
 from toppling.models.motions.measures import LEVEL_MEASURES
+from toppling.models.pedestal import ContactProperties
 from toppling.orchestrator.keys import Key, Place, axis, distinct, number, pair, path, read_keys, texts, word
 from toppling.orchestrator.site_table import Site, ensemble_folder, joined, read_sites, scenes_matching
 from toppling.results.run_integrity import LEAST_JOBS, SITES_FILE

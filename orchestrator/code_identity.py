@@ -1,8 +1,17 @@
-"""Hash of the code that determines results, which also detects local changes between releases."""
+"""Hash of the code that determines results, and the processor, which decides their last bit."""
 
 import hashlib
+import os
+import platform
+from collections.abc import Collection
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
+
+import llvmlite.binding
+import numpy as np
+import scipy.linalg  # noqa: F401  (loads SciPy's own BLAS, whose threads are counted too)
+from threadpoolctl import threadpool_info, threadpool_limits
 
 import toppling.models
 import toppling.workers
@@ -27,3 +36,50 @@ def code() -> str:
     for name, source in sorted(SOURCES.items()):
         digest.update(name.encode() + hashlib.blake2b(source).digest())
     return digest.hexdigest()
+
+
+KERNEL_VARIABLES = ("OPENBLAS_CORETYPE", "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES")
+"""Environment variables that select kernels; set before the program starts, they apply to all its child processes."""
+
+
+@cache
+def processor() -> dict[str, str]:
+    """Columns of a row that identify the processor's model and the kernels of BLAS and LLVM."""
+    llvm = os.environ.get("NUMBA_CPU_NAME") or llvmlite.binding.get_host_cpu_name()
+    return {"cpu": _model(), "kernels": f"BLAS {_blas_kernel()}, LLVM {llvm}"}
+
+
+def unlike(kernels: Collection[str]) -> str:
+    """Warning of a run on different kernels; empty where all are equal."""
+    names = sorted({name for name in kernels if name})
+    if len(names) < 2:
+        return ""
+    return (
+        f"the workers compute with unlike kernels ({'; '.join(names)}): rows repeat bit for bit on like machines only, "
+        "and near the threshold a last bit may flip a single answer (column kernels says which computed what). "
+        "OPENBLAS_CORETYPE and NUMBA_CPU_NAME choose one kernel for all"
+    )
+
+
+def _model() -> str:
+    with suppress(OSError):
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines():
+            name, _, value = line.partition(":")
+            if name.strip() == "model name":
+                return value.strip()
+    return platform.processor() or platform.machine()
+
+
+def single_blas_thread() -> None:
+    """Limit BLAS to one thread in this process: several may sum in a different order."""
+    threadpool_limits(1, user_api="blas")
+
+
+def _blas_kernel() -> str:
+    """Kernel selected by NumPy's OpenBLAS, or the name of another BLAS library."""
+    loaded = [library for library in threadpool_info() if library["user_api"] == "blas"]
+    for library in sorted(loaded, key=lambda library: "numpy.libs" not in library["filepath"]):
+        return str(library.get("architecture") or library["internal_api"])
+    with suppress(KeyError, TypeError):  # a library unknown to threadpoolctl, such as Apple's
+        return str(np.show_config(mode="dicts")["Build Dependencies"]["blas"]["name"])
+    return "unknown"

@@ -9,10 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from toppling.models.errors import InputError
+from toppling.models.errors import InputError, did_you_mean
 from toppling.models.files.documents import is_number, shown
 from toppling.models.files.folder import local, named_beside
-from toppling.models.spelling import did_you_mean
 
 _MOST_ON_AN_AXIS = 50_000
 """Maximum number of levels, azimuths, coefficients or records; azimuths in steps of 0.01 degrees are 36,000."""

@@ -15,11 +15,11 @@ from typing import IO, TYPE_CHECKING, Any
 
 from toppling.models.errors import InputError
 from toppling.models.files import digest
+from toppling.models.files.digest import write_table
 from toppling.models.files.documents import read_toml, shown
 from toppling.models.files.folder import instead, new_folder, rock_name
-from toppling.models.files.run_document import check_run_document
+from toppling.models.files.schemas import check_run_document
 from toppling.models.files.stores import writer_of
-from toppling.models.files.tables import write_table
 from toppling.orchestrator.journal import LOG_FILE
 from toppling.results import run_integrity
 from toppling.results.store import PARTS_FOLDER, RESULTS_FILE, write_part

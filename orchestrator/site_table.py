@@ -11,12 +11,11 @@ from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
-from toppling.models.bearings import degrees_of
 from toppling.models.errors import InputError, refusals
 from toppling.models.files import documents
-from toppling.models.files.csv_text import plain
 from toppling.models.files.folder import rock_name
-from toppling.models.files.table import Table
+from toppling.models.files.table import Table, plain
+from toppling.models.frames import degrees_of
 from toppling.models.motions.ensemble import CATALOG, Ensemble
 from toppling.models.motions.record import Record
 from toppling.orchestrator.keys import Key, Place, number, path, read_keys

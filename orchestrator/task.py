@@ -21,11 +21,10 @@ from distributed import get_worker
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
-from toppling.orchestrator.code_identity import code
+from toppling.orchestrator.code_identity import code, processor, single_blas_thread
 from toppling.orchestrator.compiling import is_compiled, shake_a_block
 from toppling.orchestrator.delivery import StorageError, delivered, forget
 from toppling.orchestrator.leaving import LEAVING
-from toppling.orchestrator.processor import processor, single_blas_thread
 from toppling.results.store import table_of
 from toppling.workers.engines import DEFAULT, ENGINES
 from toppling.workers.job import Assets, JobSpec, identity, run_job

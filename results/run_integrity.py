@@ -13,11 +13,9 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from toppling.models.errors import InputError
-from toppling.models.files.digest import check, read_json, stamp, stated, unopened
-from toppling.models.files.run_document import check_run_document
-from toppling.models.files.scene_document import BASES, read_scene_document
-from toppling.models.files.tables import read_table, write_table
-from toppling.models.motions.catalogue import CATALOG, MOTIONS, ensemble_id
+from toppling.models.files.digest import check, read_json, read_table, stamp, stated, unopened, write_table
+from toppling.models.files.schemas import BASES, check_run_document, read_scene_document
+from toppling.models.motions.measures import CATALOG, MOTIONS, ensemble_id
 
 CAMPAIGN_FILE, _JOBS_FILE, _RUN_FILE = "campaign.toml", "jobs.parquet", "run.json"
 SITES_FILE, SCENES = "sites.csv", "scenes"

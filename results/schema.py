@@ -10,8 +10,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from toppling.models.motions.catalogue import meaning
-from toppling.models.motions.measures import MEASURES
+from toppling.models.motions.measures import MEASURES, meaning
 
 SCHEMA_VERSION = 2
 """Version of the schema of results."""

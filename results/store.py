@@ -22,8 +22,15 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from toppling.models.errors import InputError
-from toppling.models.files.digest import DamagedError, check, damaged, unopened
-from toppling.models.files.tables import check_bounds, read_table, write_table
+from toppling.models.files.digest import (
+    DamagedError,
+    check,
+    check_bounds,
+    damaged,
+    read_table,
+    unopened,
+    write_table,
+)
 from toppling.results.run_integrity import ForeignError, check_files, check_rows
 from toppling.results.schema import ADDED_LATER, SCHEMA, SCHEMA_VERSION, SORT_ORDER
 

@@ -17,8 +17,8 @@ import pyarrow as pa
 
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError, refusals
+from toppling.models.files.digest import read_table, write_table
 from toppling.models.files.documents import read_toml
-from toppling.models.files.tables import read_table, write_table
 from toppling.models.proportions import effective_number
 from toppling.results.run_integrity import CAMPAIGN_FILE, check_plan_id
 from toppling.results.schema import SCHEMA

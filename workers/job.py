@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from toppling.models.contact import FRICTION_SPREAD, ContactProperties
 from toppling.models.errors import InputError
 from toppling.models.frames import compass_deg
 from toppling.models.kept import kept
 from toppling.models.motions.ensemble import Ensemble
-from toppling.models.motions.impose import Imposed, impose
+from toppling.models.motions.record import Imposed, impose
+from toppling.models.pedestal import FRICTION_SPREAD, ContactProperties
 from toppling.models.scene import COM_SPREAD_SHARE, Scene
 from toppling.workers.engines import DEFAULT
 from toppling.workers.options import PHYSICS_VERSION

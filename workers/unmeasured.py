@@ -9,9 +9,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from toppling.models.contact import ContactProperties
-from toppling.models.motions.above_band import with_motion_above
-from toppling.models.motions.record import Record, motion_sha
+from toppling.models.motions.record import Record, motion_sha, with_motion_above
+from toppling.models.pedestal import ContactProperties
 
 
 @dataclass(frozen=True)

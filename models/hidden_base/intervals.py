@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from toppling.models.bearings import quadrant_of
-from toppling.models.frames import compass_deg
+from toppling.models.frames import compass_deg, quadrant_of
 
 FEW_DISTINCT = 10
 """Different draws below which an interval says little."""

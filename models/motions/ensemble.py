@@ -10,17 +10,15 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from toppling.models.bearings import azimuth_of
 from toppling.models.errors import InputError, refusals
 from toppling.models.files import digest
+from toppling.models.files.digest import check_bounds, read_table, table_writer, write_table
 from toppling.models.files.folder import instead, local, new_file
-from toppling.models.files.tables import check_bounds, read_table, table_writer, write_table
-from toppling.models.motions.catalogue import CATALOG, MOTIONS, ensemble_id, meaning
-from toppling.models.motions.impose import impose
-from toppling.models.motions.measures import MEASURES
+from toppling.models.frames import azimuth_of
+from toppling.models.motions.measures import CATALOG, MEASURES, MOTIONS, ensemble_id, meaning
 from toppling.models.motions.motion import Motion
 from toppling.models.motions.place import Place
-from toppling.models.motions.record import Record, motion_sha
+from toppling.models.motions.record import Record, impose, motion_sha
 
 SCHEMA_VERSION = "2"
 _RECORDS_IN_MEMORY = 64

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from toppling.models.errors import InputError
-from toppling.models.files.csv_text import plain
+from toppling.models.files.table import plain
 
 _BEFORE_S, _AFTER_S = 30.0, 120.0
 _SLOWEST_KM_S = 2.0

@@ -10,12 +10,10 @@ from typing import NoReturn
 import numpy as np
 
 from toppling.models.errors import InputError
-from toppling.models.files.csv_text import is_numeral
 from toppling.models.files.documents import shown
 from toppling.models.files.folder import named_beside
-from toppling.models.files.given import open_given
-from toppling.models.files.table import Table
-from toppling.models.files.text_file import text_of
+from toppling.models.files.given import open_given, text_of
+from toppling.models.files.table import Table, is_numeral
 from toppling.models.motions.formats.component import (
     TIME_STEPS_S,
     UP,

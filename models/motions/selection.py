@@ -1,14 +1,291 @@
-"""Which records of an ensemble a question needs, and how much each of them counts."""
+"""Which records of an ensemble a question needs, and how much each counts, by a site's hazard deaggregation."""
 
 import math
+import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, NoReturn
 
+from toppling.models import openquake
 from toppling.models.errors import InputError
-from toppling.models.motions.deaggregation import Bin
+from toppling.models.files.documents import listed, read_json, shown
+from toppling.models.files.given import text_given
+from toppling.models.files.table import Table, is_numeral, no_table
 from toppling.models.motions.ensemble import Ensemble
+
+_TRACE = "T"
+"""What nshmp-haz prints for a contribution below 0.01 %."""
+
+_COLUMNS = (
+    {"magnitude", "mag", "m", "mw"},
+    {"distance", "dist", "r", "rrup", "rjb", "closest distance"},
+    {"contribution", "share", "percent", "%", "per cent", "hazard contribution", "all ε", "total"},
+)
+"""Names of columns with the centres of bins, of magnitude and distance, and with what these contribute."""
+
+_OTHER_LENGTHS = re.compile(
+    r"[(\[]\s*(?:m|mi|miles?|ft|feet|met(?:re|er)s?|nm|deg(?:rees)?|°)\s*[)\]]", re.IGNORECASE
+)
+"""Units of distances that are not km, in brackets behind a column's name."""
+_UNEVEN, _MOST_UNEVEN = 0.1, 0.3
+"""Share, and bins, by which centres may lie nearer or farther apart than whole numbers of bins, as by rounding."""
+
+_LONGEST_NAME = 200
+"""Characters of a column's name that are looked at."""
+
+_Record = tuple[str, dict[str, str]]
+"""File and line of a row, and its cells by the names of their columns."""
+
+_DEPTH = 6
+"""Folders between a deaggregation of nshmp-haz and its config.json, at most."""
+
+
+@dataclass(frozen=True)
+class Bin:
+    """One cell of a hazard deaggregation: from the low edge to below the high one, and its contribution."""
+
+    magnitude: tuple[float, float]
+    distance_km: tuple[float, float]
+    contribution: float
+
+
+@dataclass(frozen=True)
+class Deaggregation:
+    """What contributes to a site's hazard."""
+
+    bins: list[Bin]
+    of: str = ""  # the motion that it is of, and which of several; empty where the file does not say
+
+
+def read_deaggregation(table: Path, imt: str | None = None, poe: float | None = None) -> Deaggregation:
+    """Bins of a hazard deaggregation.
+
+    Kinds of table are told apart by their header: `magnitude_low`, `magnitude_high`, `distance_low_km`,
+    `distance_high_km`, `contribution` (in any unit); the centres of such bins (`magnitude`, `distance_km`,
+    `contribution`); nshmp-haz's `data.csv`; and OpenQuake's tables over magnitude and
+    distance (`Mag_Dist`, `TRT_Mag_Dist`, `Mag_Dist_Eps`, of the mean or of realisations).
+
+    imt: OpenQuake's measure, such as PGV, where its table has several; the first if not given.
+    poe: probability, where OpenQuake's table has several; the least, of the strongest motion, if not given.
+    Raises InputError if a column is missing or a number is none, with the line; or the table has no such measure or
+    probability.
+    """
+    file = Table.read(table)
+    first = file.lines[0] if file.lines else ""
+    if first.startswith("imt,") or openquake.header_values(first):
+        return _openquake(file, imt, poe)
+    if imt is not None or poe is not None:
+        _refuse("deaggregation.choice_needless", table, "is of one motion, so that there is none to choose",
+            "leave --imt and --poe out")  # fmt: skip
+    return Deaggregation(_nshmp(file) if "Σε" in first else _bins(file))
+
+
+def _bins(file: Table) -> list[Bin]:
+    """Bins of a person's table, by their edges or their centres; those that it splits, as by epsilon, are added up."""
+    if len(file.rows) < 2:
+        what = "no bin below the names of columns"
+        file.refuse("deaggregation.no_bin", 0, what, "a row for each bin", "export the table again")
+    (start, header), *rows = file.rows
+    known = {_plain(name): column for column, name in enumerate(header)}
+    roles = [next((n for n in known if n in names), "") for names in _COLUMNS]
+    for name in header:
+        bare = _plain(name).removesuffix(" low").removesuffix(" high")
+        if _OTHER_LENGTHS.search(name) and bare in _COLUMNS[1]:
+            file.refuse("deaggregation.distance_not_km", start, f"distances under {shown(name)}",
+                "distances in km", "convert them to km")  # fmt: skip
+    edges = ("magnitude low", "magnitude high", "distance low", "distance high")
+    by_centre = all(roles) and not set(edges) <= known.keys()
+    names = roles if by_centre else (*edges, "contribution")
+    places = [known.get(name, len(header)) for name in names]
+    found = []
+    for at, row in rows:
+        try:
+            numbers = [float(row[place].rstrip("% ")) for place in places]
+        except (IndexError, ValueError):
+            numbers = []
+        ordered = by_centre or (numbers[:1] < numbers[1:2] and numbers[2:3] < numbers[3:4])
+        if not (numbers and all(map(math.isfinite, numbers)) and numbers[-1] >= 0 and ordered):
+            file.refuse("deaggregation.bin_unreadable", at, f"not a bin: {shown(row)}",
+                "numbers in magnitude_low, magnitude_high, distance_low_km, distance_high_km, contribution, "
+                "low below high; or centres in magnitude, distance_km, contribution",
+                "correct the table")  # fmt: skip
+        found.append(numbers)
+    if by_centre:
+        km, magnitudes = _widths(file.path, [row[1] for row in found], [row[0] for row in found])
+        found = [[*_around(m, magnitudes), *_around(r, km), share] for m, r, share in found]
+    contributions: dict[tuple[float, ...], float] = {}
+    for numbers in found:
+        contributions[tuple(numbers[:4])] = contributions.get(tuple(numbers[:4]), 0.0) + numbers[4]
+    return [Bin((place[0], place[1]), (place[2], place[3]), share) for place, share in contributions.items()]
+
+
+def _plain(name: str) -> str:
+    """Name of a column in lower case, without its unit."""
+    bare = re.sub(r"[(\[][^)\]]*[)\]]", "", name[:_LONGEST_NAME].lower()).replace("_", " ")
+    return " ".join(bare.removesuffix(" km").split())
+
+
+def _nshmp(file: Table) -> list[Bin]:
+    """Bins of nshmp-haz: r and m are centres, Σε is the contribution in per cent of the total."""
+    _, records = _records(file, {"r", "m", "Σε"}, "", "give data.csv as nshmp-haz wrote it, with r, m and Σε")
+    rows = [
+        [0.0 if row[name] == _TRACE else _number(where, row[name]) for name in ("r", "m", "Σε")]
+        for where, row in records
+    ]
+    distance_km, magnitude = _widths(file.path, [row[0] for row in rows], [row[1] for row in rows])
+    return [Bin(_around(m, magnitude), _around(r, distance_km), share) for r, m, share in rows]
+
+
+def _records(file: Table, needed: set[str], lacks: str, remedy: str) -> tuple[list[str], list[_Record]]:
+    """Names in a table that a program wrote, and the whole rows below, with file and line of each."""
+    header = file.names
+    if not needed <= set(header):
+        _refuse("deaggregation.columns_unknown", file.path, f"has the columns {shown(header)}{lacks}", remedy)
+    for at, row in file.rows[1:]:
+        if len(row) != len(header):
+            what = f"has not the header's {len(header)} columns but {len(row)}"
+            _refuse("table.row_wrong_length", file.where(at), what, "give the whole file")
+    return header, [(file.where(at), dict(zip(header, row, strict=True))) for at, row in file.rows[1:]]
+
+
+def _around(centre: float, width: float) -> tuple[float, float]:
+    """Edges about a centre, rounded: neighbours share an edge, and no record falls between two."""
+    return round(centre - width / 2, 6), round(centre + width / 2, 6)
+
+
+def _number(where: str, text: str, most: float = math.inf, states: str = "no number of 0 and more:") -> float:
+    value = float(text) if is_numeral(text) else math.nan
+    if not (0 <= value <= most and value < math.inf):
+        _refuse("deaggregation.value_unreadable", where, f"states {states} {text[:40]!r}",
+            "give the file as it was written")  # fmt: skip
+    return value
+
+
+def _probability(where: str, text: str) -> float:
+    return _number(where, text, 1.0, "the probability")
+
+
+def _widths(table: Path, distances_km: Sequence[float], magnitudes: Sequence[float]) -> tuple[float, float]:
+    """Widths of bins in km and in magnitude: as the summary beside the table says, or the configuration, or centres."""
+    summary = table.with_name("summary.txt")
+    if summary.is_file():
+        stated = text_given(summary, no_table)
+        found = [re.search(rf"\b{name}:\s+min = .*Δ = ([\d.]+)", stated) for name in ("r", "m")]
+        if all(found):
+            return tuple(float(match[1]) for match in found if match)  # type: ignore[return-value]
+    for folder in table.absolute().parents[:_DEPTH]:
+        if (folder / "config.json").is_file():
+            try:
+                bins = read_json(folder / "config.json")["deagg"]["bins"]
+                return float(bins["Δr"]), float(bins["Δm"])
+            except (ValueError, KeyError, TypeError):
+                break
+    edges = [sorted(set(values)) for values in (distances_km, magnitudes)]
+    widths = [min((b - a for a, b in pairwise(known)), default=None) for known in edges]
+    if None in widths:
+        _refuse("deaggregation.bin_width_unknown", table,
+            "has one bin of distance or magnitude, and nothing that states how wide it is",
+            "keep summary.txt beside it")  # fmt: skip
+    for known, width in zip(edges, widths, strict=True):
+        steps = [(b - a) / (width or 1.0) for a, b in pairwise(known)]
+        if any(abs(step - round(step)) > min(_UNEVEN * step, _MOST_UNEVEN) for step in steps):
+            _refuse("deaggregation.bins_uneven", table,
+                f"has centres of bins that are not equally wide: {listed([f'{centre:g}' for centre in known], 8)}",
+                "give magnitude_low, magnitude_high, distance_low_km and distance_high_km")  # fmt: skip
+    return widths[0] or 0.0, widths[1] or 0.0
+
+
+def _openquake(file: Table, imt: str | None, poe: float | None) -> Deaggregation:
+    """Bins of OpenQuake: values are probabilities in the investigation time; bins combine as independent events do."""
+    table, stated = file.path, openquake.header_values(file.lines[0]) if file.lines[0].startswith("#") else {}
+    lacks = ": a deaggregation over magnitude and distance is needed"
+    remedy = "give Mag_Dist, as disagg_outputs = Mag_Dist writes it"
+    header, records = _records(file, {"imt", "poe", "mag", "dist"}, lacks, remedy)
+    edges = [openquake.numbers(stated.get(f"{name}_bin_edges", "")) for name in ("mag", "dist")]
+    if not all(len(bin_edges) > 1 and all(a < b for a, b in pairwise(bin_edges)) for bin_edges in edges):
+        what = "states no mag_bin_edges and dist_bin_edges in its first line"
+        _refuse("deaggregation.edges_missing", table, what, "give the file as it was written")
+    chosen, of = _chosen(table, records, imt, poe, stated.get("investigation_time", ""))
+    weights = _weights(table, header, stated)
+    stays: dict[tuple[int, int], float] = {}
+    for where, record in chosen:
+        place = _place(where, record, edges)
+        p = math.fsum(weight * _probability(where, record[name]) for name, weight in weights.items())
+        stays[place] = stays.get(place, 0.0) - math.log1p(-min(p, 1 - 1e-15))
+    magnitudes, distances_km = (list(pairwise(bin_edges)) for bin_edges in edges)
+    return Deaggregation(
+        [Bin(magnitudes[m], distances_km[d], rate) for (m, d), rate in sorted(stays.items())], of
+    )
+
+
+def _chosen(
+    table: Path, records: Sequence[_Record], imt: str | None, poe: float | None, years: str
+) -> tuple[list[_Record], str]:
+    """Rows of one measure and probability, and which that is."""
+    imts = list(dict.fromkeys(record["imt"] for _, record in records))
+    if imt is not None and imt not in imts:
+        _refuse("deaggregation.measure_not_there", table, f"is over {listed(imts, 12)}, not over {imt}",
+            "give one of these as --imt")  # fmt: skip
+    measure = imt or next(iter(imts), "")
+    of_measure = [
+        (_probability(where, record["poe"]), (where, record))
+        for where, record in records
+        if record["imt"] == measure
+    ]
+    poes = sorted({p for p, _ in of_measure})
+    known = [p for p in poes if poe is None or math.isclose(p, poe, rel_tol=1e-3)]
+    if not known:
+        _refuse("deaggregation.probability_not_there", table,
+            f"has the probabilities {listed([f'{p:g}' for p in poes], 12)}" if poes else "has no row",
+            "give one of these as --poe")  # fmt: skip
+    rows = [record for p, record in of_measure if p == known[0]]
+    others = [f"--imt {name}" for name in imts if name != measure]
+    others += [f"--poe {p:g}" for p in poes if p != known[0]]
+    more = f"; others with {listed(others, 6)}" if others else ""
+    level = rows[0][1].get("iml", "?")
+    return rows, f"{measure} of {level}, probability {known[0]:g} in {years or '?'} years{more}"
+
+
+def _weights(table: Path, header: Sequence[str], stated: dict[str, str]) -> dict[str, float]:
+    """Weight of each column of probabilities: weights in the first line follow the columns, not the numbers."""
+    if "mean" in header:
+        return {"mean": 1.0}
+    columns = [name for name in header if name.startswith("rlz")]
+    weights = openquake.numbers(stated.get("weights", "")) or ([1.0] if len(columns) == 1 else [])
+    if len(columns) == 1 and len(weights) != 1:
+        weights = [1.0]
+    if not columns or len(weights) != len(columns) or not math.isclose(math.fsum(weights), 1.0, rel_tol=1e-3):
+        _refuse("deaggregation.weights_unusable", table,
+            f"has {len(columns)} realisations and {len(weights)} weights, which sum to "
+            f"{math.fsum(weights):g}", "give the table of the mean, Mag_Dist-mean")  # fmt: skip
+    return dict(zip(columns, weights, strict=True))
+
+
+def _place(where: str, record: dict[str, str], edges: Sequence[Sequence[float]]) -> tuple[int, int]:
+    """Numbers of the bins that a row's centres lie in."""
+    places = []
+    for name, known in zip(("mag", "dist"), edges, strict=True):
+        centre = float(record[name]) if is_numeral(record[name]) else math.nan
+        inside = [number for number, (low, high) in enumerate(pairwise(known)) if low <= centre <= high]
+        if not inside:
+            what = f"has the centre {record[name][:40]!r} of {name}, which is in none of its bins"
+            _refuse("deaggregation.place_off_bins", where, what, "give the file as it was written")
+        places.append(inside[0])
+    return places[0], places[1]
+
+
+def _refuse(code: str, where: object, what: str, remedy: str) -> NoReturn:
+    raise InputError(
+        code,
+        what,
+        where=str(where),
+        remedy=remedy,
+        expected="a hazard deaggregation: a table of bins, nshmp-haz's data.csv, or OpenQuake's Mag_Dist",
+    )
+
 
 _LEAST_COMPONENTS = 2
 """Number of components that every record has."""

@@ -5,10 +5,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypedDict
 
-from toppling.models.errors import InputError, refusals
+from toppling.models.errors import InputError, did_you_mean, refusals
 from toppling.models.files.documents import read_toml
 from toppling.models.files.folder import new_file
-from toppling.models.spelling import did_you_mean
 
 HINTS = "hints.toml"
 FLAT, ROUGH, ROUNDED = KINDS = ("flat", "rough", "rounded")

@@ -10,8 +10,7 @@ import open3d as o3d
 
 from toppling.models.arrays import Array, Flags, Indices
 from toppling.models.errors import InputError
-from toppling.models.files.mesh_files import MESH_FORMATS, read_triangles
-from toppling.models.files.ply import read_header
+from toppling.models.files.mesh_files import MESH_FORMATS, read_header, read_triangles
 from toppling.models.lengths import METRES, NAMES
 from toppling.models.scan.placement import AXES, Placement
 

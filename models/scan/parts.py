@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from toppling.models.arrays import Array, Flags
 from toppling.models.errors import InputError
 from toppling.models.files.guarded import read_guarded
-from toppling.models.files.ply import read_vertices
+from toppling.models.files.mesh_files import read_vertices
 from toppling.models.scan.crevice import LEAST_SEEN
 from toppling.models.scan.meshes import is_mesh
 from toppling.models.scan.read import Cloud

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from toppling.models.arrays import Array, Indices, bounds_of
 from toppling.models.errors import InputError, refusals
 from toppling.models.files.guarded import read_guarded
-from toppling.models.files.mesh_files import MESH_FORMATS, remarks_of
-from toppling.models.files.ply import read_header, read_vertices
+from toppling.models.files.mesh_files import MESH_FORMATS, read_header, read_vertices, remarks_of
 from toppling.models.lengths import METRES, NAMES, check_remarks
 from toppling.models.scan.meshes import (
     UPWARD_Y,

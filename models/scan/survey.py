@@ -15,7 +15,7 @@ from toppling.models.arrays import Array, Flags, at_most, bounds_of, inside_box
 from toppling.models.errors import InputError
 from toppling.models.files import digest
 from toppling.models.files.folder import new_folder, replaced_folder
-from toppling.models.files.scene_document import LABELS, WORKED_OUT
+from toppling.models.files.schemas import LABELS, WORKED_OUT
 from toppling.models.hidden_base.from_scan import ContradictionError
 from toppling.models.hidden_base.inspection import Inspection
 from toppling.models.hidden_base.near_interface import near_the_interface

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError, refusals
 from toppling.models.files import digest
-from toppling.models.files.scene_document import GEOMETRY, LABELS, WORKED_OUT, read_own
+from toppling.models.files.schemas import GEOMETRY, LABELS, WORKED_OUT, read_own
 from toppling.models.hidden_base.inspection import Inspection
 from toppling.models.hidden_base.near_interface import near_the_interface
 from toppling.models.hidden_base.standing import base_unseen, check_inspection

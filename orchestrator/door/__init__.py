@@ -23,9 +23,8 @@ if TYPE_CHECKING:
     from toppling.models.motions.record import Record
     from toppling.models.scene import Scene
     from toppling.orchestrator.campaign import Campaign
-    from toppling.orchestrator.public.constraining import constrain
+    from toppling.orchestrator.public.constraining import Dates, constrain
     from toppling.orchestrator.public.fragility_figures import fragility
-    from toppling.orchestrator.public.hazard_question import Dates
     from toppling.orchestrator.public.making import scan, scan_again
     from toppling.orchestrator.public.reporting import query, report
     from toppling.orchestrator.public.running import plan, run
@@ -65,7 +64,7 @@ __all__ = [
 
 _HOMES = {
     "Campaign": "toppling.orchestrator.campaign",
-    "Dates": "toppling.orchestrator.public.hazard_question",
+    "Dates": "toppling.orchestrator.public.constraining",
     "Ensemble": "toppling.models.motions.ensemble",
     "InputError": "toppling.models.errors",
     "Motion": "toppling.models.motions.motion",

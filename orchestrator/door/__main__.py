@@ -1,7 +1,7 @@
 """The command `toppling`, and `python -m toppling`: Ctrl-C is handled before slow imports."""
 
 from toppling.orchestrator.interrupt import as_program
-from toppling.orchestrator.safe_path import safe_as_module, safe_for_children
+from toppling.orchestrator.processes import safe_as_module, safe_for_children
 
 
 def main() -> None:

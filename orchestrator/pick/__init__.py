@@ -1,3 +1,3 @@
 """`toppling scan --pick`: hints for a scan by clicks on its point cloud."""
 
-__all__ = ["pick_servers"]
+__all__ = ["server"]

@@ -25,7 +25,7 @@ from toppling.models.scan.worked_out import WorkedOut
 from toppling.models.scene import Scene
 from toppling.orchestrator.interrupt import signals_blocked
 from toppling.orchestrator.pick.page import View, view_of
-from toppling.orchestrator.safe_path import without_working_folder
+from toppling.orchestrator.processes import without_working_folder
 
 
 class EndedError(Exception):

@@ -3,8 +3,13 @@
 from typing import Any
 
 __all__ = [
-    "constraining", "fragility_figures", "hazard_question",
-    "making", "reporting", "rocks", "running", "unseen",
+    "constraining",
+    "fragility_figures",
+    "making",
+    "reporting",
+    "rocks",
+    "running",
+    "unseen",
 ]  # fmt: skip
 
 

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pandas as pd
 
-from toppling.models.bearings import azimuth_of
-from toppling.models.contact import ContactProperties
 from toppling.models.described import Described
 from toppling.models.errors import InputError
+from toppling.models.frames import azimuth_of
 from toppling.models.motions.ensemble import Ensemble
+from toppling.models.pedestal import ContactProperties
 from toppling.models.scene import Scene
 from toppling.orchestrator.public import unseen
 from toppling.orchestrator.run_folder import place_in

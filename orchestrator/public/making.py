@@ -7,9 +7,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Unpack
 
-from toppling.models.errors import InputError
+from toppling.models.errors import InputError, did_you_mean
 from toppling.models.files.folder import new_folder, refuse_existing, replaced_folder
-from toppling.models.files.scene_document import LABELS, WORKED_OUT
+from toppling.models.files.schemas import LABELS, WORKED_OUT
 from toppling.models.hidden_base.inspection import Inspection, inspection_of
 from toppling.models.hidden_base.intervals import base_sentences
 from toppling.models.scan.hints_file import HINTS, KEYS, CloudHints, Hints, Place, plain, write_hints
@@ -22,9 +22,8 @@ from toppling.models.scan.survey import SeparatedMeshes, Survey, save_survey, su
 from toppling.models.scan.uncertainty import invention_warning
 from toppling.models.scan.worked_out import WorkedOut
 from toppling.models.scene import Scene
-from toppling.models.spelling import did_you_mean
 from toppling.orchestrator.public import unseen
-from toppling.orchestrator.settling_notes import draw_settling, settling_notes
+from toppling.orchestrator.rocks_of_run import draw_settling, settling_notes
 from toppling.results.drawing.scene_figures import draw_scene
 
 

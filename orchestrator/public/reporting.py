@@ -100,7 +100,7 @@ def report(
     InputError
         If the folder is no run, a hazard cannot be read, or it is given without an age.
     """
-    from toppling.orchestrator.public.hazard_question import HazardQuestion, read_tree
+    from toppling.orchestrator.public.constraining import HazardQuestion, read_tree
     from toppling.orchestrator.public.rocks import apart_km
     from toppling.results.drawing.report.content import Content
     from toppling.results.drawing.report.sections import SECTIONS

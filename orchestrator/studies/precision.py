@@ -9,10 +9,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from toppling.models.errors import InputError
+from toppling.models.errors import InputError, counted
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.measures import LEVEL_MEASURES, SCALING_POWER
-from toppling.models.spelling import counted
 from toppling.orchestrator.campaign import Campaign, TargetSpec
 from toppling.orchestrator.journal import log_event
 from toppling.orchestrator.plan import Plan, Rows

@@ -8,8 +8,8 @@ import click
 import pandas as pd
 
 from toppling.models.errors import InputError
-from toppling.models.files.csv_text import write_csv
 from toppling.models.files.folder import write_text
+from toppling.models.files.table import write_csv
 from toppling.models.motions.measures import COMPARED
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.run_folder import place_in

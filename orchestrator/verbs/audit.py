@@ -8,8 +8,7 @@ from typing import Any
 import click
 
 from toppling.orchestrator.verbs import shared_options as shared
-from toppling.orchestrator.verbs.shared_options import option
-from toppling.orchestrator.verbs.where import cluster_of, cluster_options
+from toppling.orchestrator.verbs.shared_options import cluster_of, cluster_options, option
 
 
 @click.command()

@@ -9,12 +9,12 @@ from typing import Any
 import click
 import pandas as pd
 
-from toppling.orchestrator.misspelt import OneOf
+from toppling.orchestrator.cli import OneOf
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.site_table import read_sites
 from toppling.orchestrator.studies import seismograms as study
 from toppling.orchestrator.verbs import shared_options as shared
-from toppling.orchestrator.verbs.records_shown import show_notes, show_table
+from toppling.orchestrator.verbs.records import show_notes, show_table
 from toppling.orchestrator.verbs.shared_options import of, option
 from toppling.results.run_integrity import SITES_FILE
 from toppling.results.schema import TOPPLED_OUTCOMES
@@ -100,7 +100,7 @@ def _check_table(table: Path, seismograms: Sequence[Path], *, as_json: bool) -> 
         rows = study.check_sites(sites, read.found, factors, asked["preset"], asked["workers"], advance)
     matrix = study.matrix_of(rows)
     if out := asked["out"]:
-        from toppling.models.files.csv_text import write_csv
+        from toppling.models.files.table import write_csv
         from toppling.results.drawing.side_by_side_figures import scenarios_figure
         from toppling.results.drawing.style import save
 

@@ -11,11 +11,10 @@ import click
 
 from toppling.models.files.documents import without_machine
 from toppling.orchestrator.progress import bar
+from toppling.orchestrator.public.constraining import Dates, EventOptions
 from toppling.orchestrator.public.constraining import constrain as state
-from toppling.orchestrator.public.hazard_question import Dates, EventOptions
 from toppling.orchestrator.verbs import shared_options as shared
-from toppling.orchestrator.verbs.hazard import SITE_HELP, SiteCommand, values_option
-from toppling.orchestrator.verbs.shared_options import of, option
+from toppling.orchestrator.verbs.shared_options import SITE_HELP, SiteCommand, of, option, values_option
 
 
 @click.command(cls=SiteCommand)

@@ -7,8 +7,7 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from toppling.models.errors import InputError
-from toppling.models.spelling import counted
+from toppling.models.errors import InputError, counted
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.public.fragility_figures import Fragility
 from toppling.orchestrator.public.fragility_figures import fragility as draw

@@ -9,12 +9,11 @@ from pathlib import Path
 
 import click
 
-from toppling.models.contact import ContactProperties
-from toppling.models.errors import InputError
+from toppling.models.errors import InputError, counted
 from toppling.models.files.folder import refuse_existing, write_text
 from toppling.models.motions.ensemble import Ensemble
+from toppling.models.pedestal import ContactProperties
 from toppling.models.scene import Scene
-from toppling.models.spelling import counted
 from toppling.orchestrator.advice import REALISATIONS, least_static
 from toppling.orchestrator.campaign import KEYS, LARGEST_PGA_M_S2, Campaign
 from toppling.orchestrator.pilot import RECORDS, Pilot, Statics, levels_to_try, statics_of, try_out

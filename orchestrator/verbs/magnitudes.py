@@ -13,15 +13,14 @@ import numpy as np
 import pandas as pd
 
 from toppling.models.errors import InputError
-from toppling.models.files.csv_text import write_csv
 from toppling.models.files.documents import finite
 from toppling.models.files.folder import write_text
-from toppling.models.motions.deaggregation import read_deaggregation
+from toppling.models.files.table import write_csv
+from toppling.models.motions.selection import read_deaggregation
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.public.rocks import names_of, read_jobs, standing_rock
 from toppling.orchestrator.verbs import shared_options as shared
-from toppling.orchestrator.verbs.hazard import SiteCommand
-from toppling.orchestrator.verbs.shared_options import option
+from toppling.orchestrator.verbs.shared_options import SiteCommand, option
 from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.drawing.hazard_figures import faults_figure, magnitudes_figure
 from toppling.results.drawing.sentences import age_words

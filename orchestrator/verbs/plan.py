@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from toppling.models.errors import counted
 from toppling.models.files.folder import new_file
-from toppling.models.spelling import counted
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import option
 
@@ -34,7 +34,7 @@ def plan(campaign: Path, table: Path | None, workers: int | None, no_estimate: b
     from toppling.orchestrator.campaign import Campaign
 
     chosen = Campaign.read(campaign)  # an invalid campaign is refused before slow imports
-    from toppling.orchestrator.estimate import estimate, words_of
+    from toppling.orchestrator.pilot import estimate, words_of
     from toppling.orchestrator.progress import bar
     from toppling.orchestrator.public.running import plan as expand
 
@@ -66,8 +66,8 @@ def plan(campaign: Path, table: Path | None, workers: int | None, no_estimate: b
 
 def _of_one(found: "Planned", counts: dict[str, Any]) -> tuple[list[str], list[str]]:
     """Printed lines for one rock, before and after the time estimate; adds to `counts`."""
-    from toppling.models.contact import ContactProperties
-    from toppling.orchestrator.settling_notes import settling_notes
+    from toppling.models.pedestal import ContactProperties
+    from toppling.orchestrator.rocks_of_run import settling_notes
 
     chosen, planned, scene = found.campaign, found.plan, found.scene
     assert scene is not None

@@ -10,9 +10,9 @@ import click
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from toppling.models.files.csv_text import plain_frame
 from toppling.models.files.documents import finite
 from toppling.models.files.folder import new_file
+from toppling.models.files.table import plain_frame
 from toppling.orchestrator.public.reporting import query as answer_of
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import of, option

@@ -1,20 +1,239 @@
-"""`toppling records`: from record files to an ensemble."""
+"""`toppling records`: from record files to an ensemble, and fewer records, or records weighted by a hazard."""
 
 import json
+from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from toppling.models.errors import InputError
+from toppling.models.errors import InputError, counted
 from toppling.models.files.folder import instead
-from toppling.models.spelling import counted
-from toppling.orchestrator.misspelt import Verbs
+from toppling.orchestrator.cli import OneOf, Verbs
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.verbs import shared_options as shared
-from toppling.orchestrator.verbs.records_select import refuse_existing_ensemble, select
-from toppling.orchestrator.verbs.records_shown import import_json, show_catalog, show_notes, show_refusals
 from toppling.orchestrator.verbs.shared_options import option
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from toppling.models.motions.ensemble import Ensemble
+    from toppling.models.motions.importing import Import, Refusal
+    from toppling.models.motions.selection import Deaggregation
+
+
+_MOST_EMPTY = 6
+"""Maximum number of deaggregation bins without a record that are listed, by falling contribution."""
+
+
+@click.command()
+@click.argument("ensemble", type=shared.EXISTING_FOLDER)
+@option("--out", required=True, type=shared.FOLDER, help="Folder of the new ensemble.")
+@option("--magnitude", type=float, nargs=2, metavar="LOW HIGH", help="Least and largest.")
+@option("--distance", "distance_km", type=float, nargs=2, metavar="LOW HIGH", help="Least and largest, km.")
+@option("--event", help="Part of the name of the event.")
+@option("--components", type=click.IntRange(2, 3), default=2, help="Least number of components.")
+@option(
+    "--per-event", "most_per_event", type=click.IntRange(min=0), default=0,
+    help="Largest number of records per event; the nearest are kept.",
+)  # fmt: skip
+@option(
+    "--quality", multiple=True, type=OneOf(["corrected", "processed", "drifting", "sound", "uncorrected",
+    "made"]),
+    help="Only records of this quality; repeatable.",
+)  # fmt: skip
+@option(
+    "--pga", "pga_m_s2", type=float, nargs=2, metavar="LOW HIGH",
+    help="Least and largest PGA as recorded, m/s2.",
+)  # fmt: skip
+@option(
+    "--pgv-pga", "pgv_pga_s", type=float, nargs=2, metavar="LOW HIGH", help="Least and largest PGV/PGA, s."
+)
+@option(
+    "--count", type=click.IntRange(min=0), default=0,
+    help="Largest number of records, spread evenly over the ranks of PGV/PGA of those that the other conditions leave.",
+)  # fmt: skip
+@option(
+    "--deaggregation", type=shared.EXISTING_FILE,
+    help="Table that weights the records: CSV with magnitude_low, magnitude_high, distance_low_km, distance_high_km,"
+    " contribution; nshmp-haz's data.csv; or OpenQuake's Mag_Dist.",
+)  # fmt: skip
+@option("--imt", help="Measure of OpenQuake's deaggregation, such as PGV, where it has several.")
+@option(
+    "--poe", type=float,
+    help="Its probability, where it has several; default the least, of the strongest motion.",
+)  # fmt: skip
+@shared.replace_option
+def select(
+    ensemble: Path,
+    out: Path,
+    deaggregation: Path | None,
+    imt: str | None,
+    poe: float | None,
+    replace: bool,
+    **asked: Any,
+) -> None:
+    """Select records of an ensemble, or weight them by a hazard.
+
+    Each condition reports how many records remain.
+
+    \b
+    toppling records select ensembles/quakes --out ensembles/near --distance 0 20 --per-event 3
+    toppling records select ensembles/quakes --out ensembles/forty --pgv-pga 0.05 0.5 --count 40
+    """
+    import dataclasses
+
+    from toppling.models.motions.ensemble import Ensemble
+    from toppling.models.motions.selection import Choice, read_deaggregation
+    from toppling.models.motions.selection import select as chosen
+
+    _refuse_existing_ensemble(out, replace)
+    loaded = Ensemble.load(ensemble)
+    choice = Choice(**asked)
+    names, conditions = chosen(loaded, choice)
+    click.echo(f"{counted(len(loaded.record_ids), 'record')} in {ensemble}")
+    for condition, left in conditions:
+        click.echo(f"{condition}: {left} left")
+    if 0 < len(names) < choice.count:
+        click.echo(f"fewer than the {choice.count} requested: all that are left were taken", err=True)
+    weights = dict(zip(loaded.record_ids, loaded.catalog["weight"].to_pylist(), strict=True))
+    if deaggregation:
+        weights = _hazard_weights(loaded, names, read_deaggregation(deaggregation, imt, poe))
+        names = [name for name in names if weights[name] > 0]
+    written = Ensemble.write(
+        out, [dataclasses.replace(loaded.record(name), weight=weights[name]) for name in names]
+    )
+    click.echo(f"{len(written.record_ids)} of {counted(len(loaded.record_ids), 'record')} in {out}")
+
+
+def _hazard_weights(ensemble: "Ensemble", names: list[str], hazard: "Deaggregation") -> dict[str, float]:
+    """Weights of records from a deaggregation; prints the bins that no record represents."""
+    from toppling.models.motions.selection import hazard_weights
+
+    if hazard.of:
+        click.echo(f"weighted for {hazard.of}")
+    weights, empty = hazard_weights(ensemble, names, hazard.bins)
+    empty.sort(key=lambda b: -b.contribution)
+    for b in empty[:_MOST_EMPTY]:
+        click.echo(f"no record for magnitude {b.magnitude}, distance {b.distance_km} km", err=True)
+    if empty:
+        share = sum(b.contribution for b in empty) / sum(b.contribution for b in hazard.bins)
+        more = f"and {len(empty) - _MOST_EMPTY} more bins: " if len(empty) > _MOST_EMPTY else ""
+        click.echo(f"{more}{100 * share:.3g} % of the hazard has no record", err=True)
+    return weights
+
+
+def _refuse_existing_ensemble(out: Path, replace: bool) -> None:
+    """Refuse a folder that contains an ensemble, unless it is to be replaced."""
+    from toppling.models.motions.ensemble import CATALOG
+
+    if (out / CATALOG).exists() and not replace:
+        raise InputError(
+            "ensemble.exists",
+            "an ensemble exists there already",
+            where=str(out),
+            expected="a new folder",
+            remedy="choose another --out, or replace it with --replace",
+        )
+
+
+_MOST_NOTES = 20
+"""Maximum number of printed notes."""
+
+
+def _import_json(ensemble: "Ensemble", outcome: "Import") -> None:
+    """Print the records read and the files left out as JSON."""
+    fields = ("code", "what", "where", "remedy")
+    left_out = [
+        {"subject": r.subject} | {name: getattr(r.reason, name) for name in fields} for r in outcome.refusals
+    ]
+    document = {
+        "ensemble": str(ensemble.folder),
+        "id": ensemble.id,
+        "records": ensemble.record_ids,
+        "left_out": left_out,
+        "notes": [{"record": name, "what": what} for name, what in outcome.warnings],
+        "unused_rows": outcome.unused_rows,
+    }
+    click.echo(json.dumps(document))
+
+
+def show_table(
+    heads: Sequence[str], rows: Iterable[Sequence[str]], left: Collection[int], title: str | None = None
+) -> None:
+    """Print a table of words; the columns `left` are left-aligned."""
+    from rich import box
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE, title=title, title_justify="left")
+    for index, head in enumerate(heads):
+        table.add_column(head, justify="left" if index in left else "right", max_width=28, no_wrap=True)
+    for row in rows:
+        table.add_row(*row)
+    _print(table, 150)
+
+
+def _print(table: "Table", width: int) -> None:
+    """Print a table as wide as the terminal, or `width` characters if the output is not a terminal."""
+    from rich.console import Console
+
+    console = Console()
+    Console(width=None if console.is_terminal else width, markup=False).print(table)
+
+
+def _show_catalog(rows: list[dict]) -> None:
+    """Print an ensemble's records as a table."""
+    heads = ("record", "event", "station", "M", "R km", "PGA m/s²", "toward °", "PGV m/s", "PGV/PGA s", "D s",
+             "2nd dir.")  # fmt: skip
+    words = [
+        (
+            row["record_id"], row["event"], row["station"],
+            "?" if row["magnitude"] is None else f"{row['magnitude']:.1f}",
+            "?" if row["distance_km"] is None else f"{row['distance_km']:.1f}",
+            f"{row['pga_m_s2']:.2f}", f"{row['ground_accelerates_toward_deg']:.0f}" if row["north_known"] else "?",
+            f"{row['pgv_m_s']:.3f}", f"{row['pgv_pga_s']:.3f}", f"{row['duration_energy_s']:.1f}",
+            f"{row['directionality']:.2f}",
+        )
+        for row in rows
+    ]  # fmt: skip
+    show_table(heads, words, range(3), counted(len(rows), "record"))
+    undirected = sum(row["directionality"] > 0.9 for row in rows)
+    click.echo(
+        "toward: azimuth of the vector PGA, counter-clockwise from east;\n"
+        "D: 5 to 95 % of the integral of squared velocity;\n"
+        f"2nd dir.: share of PGA reached more than 22.5 degrees away ({undirected} above 0.9)"
+    )
+
+
+def show_notes(notes: list[tuple[str, str]]) -> None:
+    """Print warnings on records to standard error, one per line."""
+    for name, what in notes[:_MOST_NOTES]:
+        click.echo(f"note on {name}: {what}", err=True)
+    if len(notes) > _MOST_NOTES:
+        rest = len(notes) - _MOST_NOTES
+        click.echo(f"{rest} more notes: each record's history has its own ('records show --json')", err=True)
+
+
+def _show_refusals(refusals: "list[Refusal]") -> None:
+    """Print a table of files left out, by reason; only the first few places of a reason are listed."""
+    if not refusals:
+        return
+    from rich import box
+    from rich.table import Table
+
+    by_reason: dict[tuple[str, str], list[Refusal]] = {}
+    for refusal in refusals:
+        by_reason.setdefault((refusal.reason.brief, refusal.reason.remedy), []).append(refusal)
+    table = Table(box=box.SIMPLE, show_lines=True, title=f"{len(refusals)} left out", title_justify="left")
+    for head in ("left out", "why, and what to do"):
+        table.add_column(head, overflow="fold", ratio=1)
+    for (what, remedy), group in by_reason.items():
+        subjects = [
+            r.reason.where if r.subject in r.reason.where else f"{r.subject} ({r.reason.where})"
+            for r in group
+        ]
+        table.add_row("\n".join(subjects), f"{what}\n-> {remedy}")
+    _print(table, 200)
 
 
 @click.group(cls=Verbs)
@@ -67,7 +286,7 @@ def _import(
     toppling records import RSN1158_KOCAELI_DZC*.AT2 --out ensembles/duzce
     toppling records import records/ --out ensembles/quakes --metadata records/catalog.csv
     """
-    refuse_existing_ensemble(out, replace)
+    _refuse_existing_ensemble(out, replace)
     with bar("records") as advance:
         from toppling.models.motions.ensemble import Ensemble
         from toppling.models.motions.importing import ImportOptions, import_records, record_files
@@ -82,13 +301,13 @@ def _import(
             if looks_like_table(path):
                 click.echo(f"{path} looks like a metadata table: give it with --metadata", err=True)
     if not outcome.records:
-        show_refusals(outcome.refusals)
+        _show_refusals(outcome.refusals)
         raise _no_record(len(files), ", ".join(map(str, paths)))
     ensemble = Ensemble.write(out, outcome.records)
     if as_json:
-        import_json(ensemble, outcome)
+        _import_json(ensemble, outcome)
         return
-    show_refusals(outcome.refusals)
+    _show_refusals(outcome.refusals)
     show_notes(outcome.warnings)
     click.echo(
         f"{counted(len(outcome.records), 'record')} from {counted(len(files), 'file')} in {out}, "
@@ -144,7 +363,7 @@ def fetch(
     from toppling.models.motions.metadata import read_table
 
     _refuse_unclear_request(event_id, radius_km, stations, start, end)
-    refuse_existing_ensemble(out, replace)
+    _refuse_existing_ensemble(out, replace)
     window = (utc(start, "--start"), utc(end, "--end")) if start and end else None
     client = connect(service)
     event = find_event(connect(event_service) if event_service else client, event_id) if event_id else None
@@ -166,7 +385,7 @@ def fetch(
     outcome = import_records(came.files, read_table(came.table), ImportOptions(corner_hz=corner_hz))
     for line in came.missing:
         click.echo(f"no record of {line}", err=True)
-    show_refusals(outcome.refusals)
+    _show_refusals(outcome.refusals)
     if not outcome.records:
         raise _no_record(len(came.files), str(out / "raw"))
     show_notes(outcome.warnings)
@@ -208,7 +427,7 @@ def show(ensemble: Path, figure: Path | None, as_json: bool) -> None:
         for row in loaded.catalog.to_pylist():
             click.echo(json.dumps(row))
         return
-    show_catalog(loaded.catalog.to_pylist())
+    _show_catalog(loaded.catalog.to_pylist())
     if figure:
         click.echo(f"drawn in {figure}")
 
@@ -235,7 +454,7 @@ def synthesise(out: Path, count: int, seed: int, pulse_share: float, replace: bo
     from toppling.models.motions.ensemble import Ensemble
     from toppling.models.motions.synthetic import against_targets, synthetic_ensemble
 
-    refuse_existing_ensemble(out, replace)
+    _refuse_existing_ensemble(out, replace)
     with bar("making", count) as advance:
         made = synthetic_ensemble(count, seed, pulse_share, advance)
     Ensemble.write(out, made)

@@ -7,14 +7,13 @@ import click
 import pyarrow.compute as pc
 
 from toppling.models.errors import InputError
-from toppling.models.files.digest import check
-from toppling.models.files.tables import read_table
+from toppling.models.files.digest import check, read_table
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.orchestrator.answers import SAME_NUMBER
 from toppling.orchestrator.campaign import Campaign
-from toppling.orchestrator.processor import processor
+from toppling.orchestrator.code_identity import processor
 from toppling.orchestrator.progress import bar, each
 from toppling.orchestrator.run_folder import place_in
 from toppling.orchestrator.verbs import shared_options as shared

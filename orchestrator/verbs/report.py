@@ -8,8 +8,7 @@ import click
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.public.reporting import report as write_report
 from toppling.orchestrator.verbs import shared_options as shared
-from toppling.orchestrator.verbs.hazard import SITE_HELP, SiteCommand, values_option
-from toppling.orchestrator.verbs.shared_options import of, option
+from toppling.orchestrator.verbs.shared_options import SITE_HELP, SiteCommand, of, option, values_option
 from toppling.results.analysis.resampling import SAMPLES
 
 

@@ -16,8 +16,13 @@ from toppling.models.files.stores import named
 from toppling.orchestrator.dispatch import Limits
 from toppling.orchestrator.interrupt import INTERRUPTED, signals_as_stop
 from toppling.orchestrator.verbs import shared_options as shared
-from toppling.orchestrator.verbs.shared_options import option
-from toppling.orchestrator.verbs.where import cluster_of, cluster_options, local_workers, of_batch_job
+from toppling.orchestrator.verbs.shared_options import (
+    cluster_of,
+    cluster_options,
+    local_workers,
+    of_batch_job,
+    option,
+)
 from toppling.orchestrator.worker_start import started_ahead
 
 if TYPE_CHECKING:

@@ -210,7 +210,7 @@ def _pick(
     opens: bool | None,
 ) -> None:
     """Serve the page for picking hints until the user has finished."""
-    from toppling.orchestrator.pick.pick_servers import again_server, pick_server
+    from toppling.orchestrator.pick.server import again_server, pick_server
 
     click.echo("reading", err=True)
     saved: list[Scanned] = []

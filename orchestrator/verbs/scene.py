@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from toppling.models.scene import Scene
-from toppling.orchestrator.misspelt import Verbs
+from toppling.orchestrator.cli import Verbs
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import option
 
@@ -43,7 +43,7 @@ def show(folder: Path, out: Path | None) -> None:
         advance(0, "settling")
         from toppling.models.files.folder import rock_name, write_text
         from toppling.models.hidden_base.intervals import base_sentences
-        from toppling.orchestrator.settling_notes import draw_settling, settling_notes
+        from toppling.orchestrator.rocks_of_run import draw_settling, settling_notes
         from toppling.results.drawing.scene_figures import draw_scene, scene_page
 
         loaded = Scene.load(folder)

@@ -1,27 +1,32 @@
-"""Arguments and options common to several commands, and serving of pages to a browser."""
+"""Arguments and options common to several commands: files, clusters, hazard; and serving of pages to a browser."""
 
 import dataclasses
 import inspect
+import math
 import os
 import re
 import sys
 import tempfile
 import webbrowser
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from functools import reduce
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from toppling.models.bearings import azimuth_of
 from toppling.models.errors import InputError
+from toppling.models.files.table import is_numeral
+from toppling.models.frames import azimuth_of, degrees_of
+from toppling.orchestrator.cli import OneOf
 from toppling.orchestrator.interrupt import end_of_stop
-from toppling.orchestrator.misspelt import OneOf
+from toppling.results.hazard.places import SITE_REACH_KM
 from toppling.workers.options import PRESETS
 
 if TYPE_CHECKING:
     from toppling.orchestrator.loopback import Loopback
+
 
 PATH = click.Path(path_type=Path)
 FILE = click.Path(path_type=Path, dir_okay=False)
@@ -163,3 +168,159 @@ def _leading_to(address: str) -> Iterator[str]:
         page.touch(mode=0o600)
         page.write_text(f'<meta http-equiv="refresh" content="0; url={address}">\n', encoding="utf-8")
         yield page.as_uri()
+
+
+QUEUES = ("slurm", "pbs", "sge", "lsf", "htcondor", "oar", "moab")
+_GATEWAY = "gateway://"
+
+
+class _Span(int):
+    """Maximum number of workers, with `low` as the initial number."""
+
+    low: int
+
+    def __str__(self) -> str:
+        return f"{int(self)}" if self.low == self else f"{self.low}..{int(self)}"
+
+
+class _SpanType(click.ParamType):
+    """`N`, or `LOW..HIGH`."""
+
+    name = "N or LOW..HIGH"
+
+    def convert(self, value: Any, parameter: click.Parameter | None, context: click.Context | None) -> _Span:
+        """Read a value of the command line."""
+        if isinstance(value, _Span):
+            return value
+        low, dots, high = str(value).partition("..")
+        if not low.isdecimal() or (dots and not high.isdecimal()):
+            self.fail(f"{value!r} is neither a number nor LOW..HIGH, such as 2..8", parameter, context)
+        span = _Span(high or low)
+        span.low = int(low)
+        if not 1 <= span.low <= span:
+            self.fail(f"{value!r}: at least 1, and the first not above the second", parameter, context)
+        return span
+
+
+_OPTIONS = (
+    option(
+        "--workers",
+        type=_SpanType(),
+        help="Local workers; LOW..HIGH starts more as long as there is work for them. Default: one per core.",
+    ),
+    option(
+        "--scheduler",
+        help="Address of an existing scheduler, its file (of 'dask scheduler --scheduler-file'), or gateway://NAME of "
+        "a cluster of Dask Gateway. Default: DASK_SCHEDULER_ADDRESS, if set.",
+    ),
+    option("--queue", "queue_kind", type=OneOf(list(QUEUES)), help="Batch system to request workers from."),
+    option("--queue-jobs", type=_SpanType(), default="1", help="Batch jobs to submit; LOW..HIGH too."),
+    option("--queue-name", "of_job_queue", help="Queue, or partition, of the batch system."),
+    option("--queue-account", "of_job_account", help="Account that batch jobs are charged to."),
+    option("--queue-walltime", "of_job_walltime", help="Time limit of a batch job, such as 02:00:00."),
+    option("--queue-memory", "of_job_memory", help="Memory of a batch job, such as 8GB."),
+)
+
+
+def cluster_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Give a command the options that :func:`cluster_of` takes."""
+    return reduce(lambda function, option: option(function), reversed(_OPTIONS), command)
+
+
+def of_batch_job(where: dict[str, Any]) -> dict[str, str | None]:
+    """Options of a batch job under dask-jobqueue's names."""
+    return {name: where[f"of_job_{name}"] for name in ("queue", "account", "walltime", "memory")}
+
+
+def _ways(where: dict[str, Any]) -> list[str]:
+    """Given options that select a cluster."""
+    names = {"workers": "--workers", "queue_kind": "--queue", "scheduler": "--scheduler"}
+    return [option for name, option in names.items() if where[name]]
+
+
+def local_workers(where: dict[str, Any]) -> int:
+    """Initial number of local workers; 0 where jobs run elsewhere."""
+    selected = _ways(where)
+    if selected == ["--workers"]:
+        return where["workers"].low
+    return 0 if selected or os.environ.get("DASK_SCHEDULER_ADDRESS") else os.cpu_count() or 1
+
+
+def cluster_of(folder: Path, **where: Any) -> AbstractContextManager:
+    """Cluster selected by options, started when it is entered; UsageError if options exclude each other."""
+    from toppling.orchestrator.cluster import existing, gateway, local, queue
+
+    workers, queue_kind, scheduler = where["workers"], where["queue_kind"], where["scheduler"]
+    if len(selected := _ways(where)) > 1:
+        raise click.UsageError(f"{' and '.join(selected)} exclude each other")
+    begin = local_workers(where)
+    if queue_kind:
+        jobs = where["queue_jobs"]
+        return queue(queue_kind, jobs.low, folder.absolute(), jobs, of_batch_job(where))
+    if scheduler and scheduler.startswith(_GATEWAY):
+        return gateway(scheduler.removeprefix(_GATEWAY))
+    return local(begin, most=workers) if begin else existing(scheduler)
+
+
+SITE_HELP = (
+    f"Degrees, or a site's name: takes the nearest site of the hazard, within {SITE_REACH_KM:g} km; "
+    "repeatable for a set of events, one for each rock."
+)
+
+
+class SiteCommand(click.Command):
+    """Command whose --site accepts longitude and latitude, or a name where the command supports it."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Convert coordinates to numbers, and a name to the hidden option --site-name."""
+        takes_name = any("--site-name" in parameter.opts for parameter in self.params)
+        named: list[str] = []
+        words = list(args)
+        while words:
+            word = words.pop(0)
+            place = _place(words) if word == "--site" else None
+            if place is not None:
+                used, degrees = place
+                named += [word, *degrees]
+                del words[:used]
+            else:
+                is_name = takes_name and word == "--site" and words and not is_numeral(words[0])
+                named.append("--site-name" if is_name else word)
+        return super().parse_args(ctx, named)
+
+
+def _place(words: Sequence[str]) -> tuple[int, list[str]] | None:
+    """Number of words of a location, and its longitude and latitude; None for a name or incomplete coordinates.
+
+    The latitude may come first if compass letters identify it.
+    """
+    splits = [(2, list(words[:2])), (1, re.split(r"[,;]\s*|\s+", words[0].strip()) if words else [])]
+    for used, parts in splits:
+        if len(parts) == 2:
+            first, second = (part.rstrip(",;") for part in parts)
+            for east, north in ((first, second), (second, first)):
+                degrees = degrees_of(east, "longitude"), degrees_of(north, "latitude")
+                if None not in degrees:
+                    return used, [repr(angle) for angle in degrees]
+    return None
+
+
+def _years_of(_context: click.Context, _parameter: click.Parameter, values: str | None) -> float | None:
+    """Years of --values, 0 for rates, None if not given; UsageError if neither 'rate' nor a positive number."""
+    if values is None:
+        return None
+    if values.lower() in ("rate", "rates"):
+        return 0.0
+    years = float(values) if is_numeral(values) else math.nan
+    if not 0 < years < math.inf:
+        raise click.UsageError(
+            f"--values is {values!r}: give 'rate', or the years that probabilities are over"
+        )
+    return years
+
+
+values_option = option(
+    "--values", "years", metavar="rate|YEARS", callback=_years_of,
+    help="What the hazard's values are, where its files do not say: annual rates (rate), or probabilities over so many "
+    "years.",
+)  # fmt: skip

@@ -25,11 +25,10 @@ from numpy.typing import NDArray
 
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError, refusals
-from toppling.models.files.csv_text import plain
 from toppling.models.files.documents import json_of, xml_of
 from toppling.models.files.folder import instead, write_text
-from toppling.models.files.table import Table
-from toppling.models.files.text_file import text_given
+from toppling.models.files.given import text_given
+from toppling.models.files.table import Table, plain
 from toppling.models.motions.measures import OPENQUAKE
 from toppling.results.analysis.lognormal import Basis, Lognormal, Resampled, Surface
 from toppling.results.hazard.measure_names import imt_of, is_spectral, measure_of, measure_with_unit

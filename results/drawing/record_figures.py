@@ -9,10 +9,10 @@ from matplotlib.figure import Figure
 from matplotlib.transforms import ScaledTranslation
 
 from toppling.models.arrays import Array
+from toppling.models.errors import counted
 from toppling.models.files.folder import new_file
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.intensity import SPECTRUM_PERIODS_S
-from toppling.models.spelling import counted
 from toppling.results.drawing.style import COLOURS, FULL_WIDTH_IN, cut, plain_log, style
 
 _FENCE = 3.0

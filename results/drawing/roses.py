@@ -13,8 +13,7 @@ from matplotlib.projections.polar import PolarAxes
 from matplotlib.ticker import MaxNLocator
 
 from toppling.models.arrays import Array
-from toppling.models.bearings import WINDS
-from toppling.models.frames import compass_deg
+from toppling.models.frames import WINDS, compass_deg
 from toppling.models.scene import Scene
 from toppling.models.statics import support_polygon_m
 from toppling.results.drawing.style import FULL_WIDTH_IN, MAIN_COLOUR, style

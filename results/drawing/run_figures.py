@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from toppling.models.files.csv_text import write_csv
+from toppling.models.files.table import write_csv
 from toppling.models.motions.measures import OPENQUAKE
 from toppling.results.analysis import fits, lognormal, resampling
 from toppling.results.analysis.audit_statistics import Audit, audit_table

@@ -8,8 +8,8 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
+from toppling.models.errors import counted
 from toppling.models.scene import Scene
-from toppling.models.spelling import counted
 from toppling.results.analysis.side_by_side import RockResults
 from toppling.results.drawing.fit_figures import draw_band
 from toppling.results.drawing.scene_figures import draw_view

@@ -17,8 +17,8 @@ from PIL import Image, ImageDraw, ImageFont
 from scipy.spatial.transform import Rotation
 
 from toppling.models.arrays import Array
-from toppling.models.files.csv_text import write_csv
 from toppling.models.files.folder import new_file, write_text
+from toppling.models.files.table import write_csv
 from toppling.models.motions.motion import Motion
 from toppling.results.drawing.scene_figures import (
     ARROW_COLOUR,

@@ -25,7 +25,7 @@ from scipy.special import logsumexp, ndtr, ndtri
 
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
-from toppling.models.motions.deaggregation import Bin
+from toppling.models.motions.selection import Bin
 from toppling.results.analysis.lognormal import Lognormal, ends
 from toppling.results.hazard.gmm import GroundMotionModel, single_station_parts
 

@@ -16,8 +16,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from toppling.models.arrays import Array
-from toppling.models.files.csv_text import plain
 from toppling.models.files.folder import write_text
+from toppling.models.files.table import plain
 from toppling.models.proportions import effective_number
 from toppling.results.hazard.ages import Exposure
 from toppling.results.hazard.curves import (

@@ -29,7 +29,7 @@ from toppling.models.motions.synthetic import synthetic_ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cli import cli
-from toppling.orchestrator.verbs.where import QUEUES
+from toppling.orchestrator.verbs.shared_options import QUEUES
 from toppling.results.reader import open_run
 
 ROOT = Path(__file__).parents[2]

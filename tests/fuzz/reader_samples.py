@@ -16,16 +16,15 @@ import pyproj
 import trimesh
 from motion_samples import STEP_S, WRITERS, shaking
 
-from toppling.models.files.mesh_files import read_triangles, write_ply
-from toppling.models.files.ply import read_header
+from toppling.models.files.mesh_files import read_header, read_triangles, write_ply
 from toppling.models.hidden_base.inspection import inspection_of
-from toppling.models.motions.deaggregation import read_deaggregation
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.formats.response import responses
 from toppling.models.motions.importing import ImportOptions, import_records, record_files
 from toppling.models.motions.metadata import read_table
 from toppling.models.motions.motion import Motion
 from toppling.models.motions.record import Record
+from toppling.models.motions.selection import read_deaggregation
 from toppling.models.rock import Rock
 from toppling.models.scan import meshes
 from toppling.models.scan.hints_file import plain, read_hints

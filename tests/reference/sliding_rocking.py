@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from reference.rocking import PlaneBody
-from toppling.models.contact import ContactProperties
+from toppling.models.pedestal import ContactProperties
 
 Array = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import pytest
 
-from toppling.models.files.store_access import kinds
+from toppling.models.files.stores import kinds
 
 
 @pytest.fixture(scope="module")

@@ -3,8 +3,7 @@
 import pytest
 from refusals import refused
 
-from toppling.models.bearings import WINDS, azimuth_of
-from toppling.models.frames import apart_deg, compass_deg
+from toppling.models.frames import WINDS, apart_deg, azimuth_of, compass_deg
 
 
 @pytest.mark.parametrize("bearing", [0, 22.5, 40, 90, 135, 180, 222, 270, 315, 359])

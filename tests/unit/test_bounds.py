@@ -10,10 +10,10 @@ from refusals import tells
 
 from toppling.models.errors import InputError
 from toppling.models.files.documents import read_toml
-from toppling.models.motions.deaggregation import read_deaggregation
 from toppling.models.motions.metadata import read_table
 from toppling.models.motions.motion import Motion
 from toppling.models.motions.processing import high_pass
+from toppling.models.motions.selection import read_deaggregation
 from toppling.models.rock import Rock
 from toppling.models.scene import Scene
 from toppling.models.shapes import box

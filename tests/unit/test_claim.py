@@ -9,8 +9,7 @@ from refusals import refused
 
 from toppling.models.errors import InputError
 from toppling.models.files import stores as module
-from toppling.models.files.store_access import Store
-from toppling.models.files.stores import CLAIM, Copy
+from toppling.models.files.stores import CLAIM, Copy, Store
 
 
 @pytest.fixture(params=["s3", "of_fsspec"])

@@ -7,7 +7,7 @@ import pytest
 from refusals import refused
 
 from toppling.models.files import digest
-from toppling.models.files.tables import read_table, write_table
+from toppling.models.files.digest import read_table, write_table
 from toppling.models.scene import Scene
 
 

@@ -8,8 +8,8 @@ import pyarrow as pa
 import pytest
 
 from toppling.models.files import folder
+from toppling.models.files.digest import write_table
 from toppling.models.files.folder import FullDiskError, named_beside, new_file, new_folder
-from toppling.models.files.tables import write_table
 
 
 def test_a_folder_has_its_name_only_when_all_is_written(tmp_path):

@@ -9,7 +9,7 @@ from refusals import refused
 from scipy.spatial import ConvexHull
 
 from toppling.models.files.digest import seal
-from toppling.models.files.scene_document import BASES as FILE
+from toppling.models.files.schemas import BASES as FILE
 from toppling.models.frames import rotation_between
 from toppling.models.hidden_base.draws import BaseDraw, UnseenBase, least_feet
 from toppling.models.hidden_base.rough_base import Standing, with_rough_base

@@ -18,9 +18,9 @@ from toppling.models.settling import Settling
 from toppling.models.shapes import box
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.plan import plan_of
+from toppling.orchestrator.rocks_of_run import settling_notes
 from toppling.orchestrator.run import run
 from toppling.orchestrator.run_folder import describe
-from toppling.orchestrator.settling_notes import settling_notes
 from toppling.results.reader import open_run
 
 ROCK = box(0.3, 0.2, 0.5).moved(np.eye(3), (0.4, -0.3, 0.5))

@@ -12,10 +12,9 @@ from refusals import refused
 from scipy.optimize import linprog
 from virtual_rocks import ellipsoid
 
-from toppling.models.contact import ContactProperties
 from toppling.models.facet_path import Seat
 from toppling.models.frames import plane_axes, plane_normal
-from toppling.models.pedestal import Pedestal
+from toppling.models.pedestal import ContactProperties, Pedestal
 from toppling.models.rock import Rock
 from toppling.models.scene import Scene
 from toppling.models.shapes import box

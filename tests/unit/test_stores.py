@@ -3,8 +3,7 @@
 import pytest
 from refusals import refused
 
-from toppling.models.files.store_access import Store, azure_arguments
-from toppling.models.files.stores import Copy, address_of, at_hand, is_store
+from toppling.models.files.stores import Copy, Store, address_of, at_hand, azure_arguments, is_store
 
 
 @pytest.fixture

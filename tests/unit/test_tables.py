@@ -5,9 +5,9 @@ import pyarrow.parquet as pq
 import pytest
 from refusals import refused
 
-from toppling.models.files.csv_text import plain_frame
+from toppling.models.files.digest import read_table, write_table
 from toppling.models.files.documents import MOST_VALUES, read_json
-from toppling.models.files.tables import read_table, write_table
+from toppling.models.files.table import plain_frame
 
 
 def zstd_bomb():

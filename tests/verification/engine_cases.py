@@ -13,10 +13,9 @@ from reference.sliding_rocking import slide_and_rock
 from scipy.optimize import fsolve
 from scipy.spatial.transform import Rotation
 
-from toppling.models.contact import ContactProperties
 from toppling.models.frames import azimuth_deg, horizontal_unit_vector
 from toppling.models.motions.motion import Motion
-from toppling.models.pedestal import Pedestal
+from toppling.models.pedestal import ContactProperties, Pedestal
 from toppling.models.scene import Scene
 from toppling.models.shapes import box, cylinder
 from toppling.workers.engines import options_of

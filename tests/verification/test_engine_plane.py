@@ -13,8 +13,8 @@ from reference.closed_forms import landing_boundary, rock_friction_boundary
 from reference.rocking import PlaneBody
 from reference.sliding_rocking import slide_and_rock
 
-from toppling.models.contact import ContactProperties
 from toppling.models.motions.motion import Motion
+from toppling.models.pedestal import ContactProperties
 from toppling.models.scene import Scene
 from toppling.workers.shake import shake
 

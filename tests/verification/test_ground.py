@@ -13,13 +13,13 @@ from refusals import refused
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from toppling.models.contact import ContactProperties
 from toppling.models.frames import horizontal_unit_vector
 from toppling.models.ground.body import GroundedBody
 from toppling.models.ground.equilibrium import farthest_load
 from toppling.models.ground.plane import GroundKind
 from toppling.models.hidden_base.from_scan import ContradictionError
 from toppling.models.motions.motion import Motion
+from toppling.models.pedestal import ContactProperties
 from toppling.models.scan.survey import SeparatedMeshes
 from toppling.models.scene import Scene
 from toppling.models.shapes import box

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from toppling.models.contact import ContactProperties
 from toppling.models.motions.motion import Motion
+from toppling.models.pedestal import ContactProperties
 from toppling.models.scene import Scene
 from toppling.models.shapes import box, cylinder
 from toppling.workers.engines.bullet import checked_steps

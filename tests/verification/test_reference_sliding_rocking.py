@@ -8,7 +8,7 @@ from reference import closed_forms as exact
 from reference.rocking import Ground, PlaneBody, rock
 from reference.sliding_rocking import slide_and_rock
 
-from toppling.models.contact import ContactProperties
+from toppling.models.pedestal import ContactProperties
 
 G = 9.81
 BODY = PlaneBody.rectangle(0.2, 0.6)

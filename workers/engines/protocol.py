@@ -11,8 +11,8 @@ from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
-from toppling.models.contact import ContactProperties
 from toppling.models.errors import InputError
+from toppling.models.pedestal import ContactProperties
 from toppling.workers.options import PRESETS, NumericalOptions
 
 if TYPE_CHECKING:

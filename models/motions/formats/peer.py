@@ -4,7 +4,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from toppling.models.files.csv_text import is_numeral
+from toppling.models.files.table import is_numeral
 from toppling.models.motions.formats.component import Component, bearing, code_direction
 from toppling.models.motions.formats.record_text import Counted, RecordText
 from toppling.models.motions.formats.units import acceleration_m_s2

@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from toppling.models.errors import InputError
-from toppling.models.files.given import bytes_given, other_kind
-from toppling.models.files.text_file import HEAD_BYTES, text_of
+from toppling.models.files.given import HEAD_BYTES, bytes_given, other_kind, text_of
 from toppling.models.motions.formats import columns, cosmos, geonet, peer, seismic, smc, volumes
 from toppling.models.motions.formats.component import (
     Component,

@@ -10,8 +10,8 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from toppling.models.files.csv_text import is_numeral
-from toppling.models.files.text_file import TextFile
+from toppling.models.files.given import TextFile
+from toppling.models.files.table import is_numeral
 from toppling.models.motions.formats.component import (
     Component,
     check_time_step,

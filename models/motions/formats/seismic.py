@@ -12,8 +12,8 @@ from typing import Any, NoReturn
 import numpy as np
 
 from toppling.models.errors import InputError
+from toppling.models.files.given import text_of
 from toppling.models.files.guarded import read_guarded
-from toppling.models.files.text_file import text_of
 from toppling.models.motions.formats.component import (
     DOWN,
     UP,

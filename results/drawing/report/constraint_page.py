@@ -11,8 +11,8 @@ from zipfile import ZIP_DEFLATED, ZipFile
 import pandas as pd
 from matplotlib.figure import Figure
 
-from toppling.models.files.csv_text import write_csv
 from toppling.models.files.folder import new_file, write_text
+from toppling.models.files.table import write_csv
 from toppling.results.analysis.constraint import Constraint
 from toppling.results.analysis.exchange import write_curves
 from toppling.results.drawing.hazard_figures import (

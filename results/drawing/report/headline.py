@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from toppling.models.spelling import counted
+from toppling.models.errors import counted
 from toppling.results.analysis.audit_statistics import audits_of
 from toppling.results.analysis.fits import FEW_TOPPLED, observed_fractions
 from toppling.results.analysis.lognormal import Lognormal

@@ -6,10 +6,10 @@ from importlib.metadata import version
 
 import pandas as pd
 
-from toppling.models.contact import FRICTION_SPREAD
+from toppling.models.errors import counted
 from toppling.models.hidden_base.intervals import base_sentences
+from toppling.models.pedestal import FRICTION_SPREAD
 from toppling.models.scene import COM_SPREAD_SHARE, Scene
-from toppling.models.spelling import counted
 from toppling.results.analysis import fits, resampling
 from toppling.results.analysis.fragility import (
     PLANES,

@@ -5,8 +5,7 @@ from pathlib import Path
 from types import ModuleType
 
 from toppling.models.errors import InputError
-from toppling.models.files.given import bytes_given, open_given, other_kind
-from toppling.models.files.text_file import HEAD_BYTES, text_of
+from toppling.models.files.given import HEAD_BYTES, bytes_given, open_given, other_kind, text_of
 from toppling.results.hazard.readers import (
     cybershake,
     nrml,

@@ -12,8 +12,7 @@ from typing import Any, NoReturn
 from numpy.typing import ArrayLike
 
 from toppling.models.errors import InputError, refusals
-from toppling.models.files.csv_text import is_numeral
-from toppling.models.files.table import Table
+from toppling.models.files.table import Table, is_numeral
 from toppling.models.motions.formats.units import unit_of
 from toppling.results.hazard.curves import HazardCurve, curve_of
 from toppling.results.hazard.measure_names import measure_of, quantity_of

@@ -12,8 +12,7 @@ import pandas as pd
 
 from toppling.models.errors import InputError, refusals
 from toppling.models.files import table as text
-from toppling.models.files.given import LONGEST_LINE_BYTES, check_lines, open_given
-from toppling.models.files.text_file import HEAD_BYTES, encoding_of
+from toppling.models.files.given import HEAD_BYTES, LONGEST_LINE_BYTES, check_lines, encoding_of, open_given
 from toppling.results.hazard.events import EventBranch, EventSet, EventSite
 from toppling.results.hazard.measure_names import UNSCALED, measure_of, measure_with_unit
 from toppling.results.hazard.readers.openquake_curves import header_values

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from toppling.models.files.csv_text import is_numeral
 from toppling.models.files.documents import json_of, read_json
+from toppling.models.files.table import is_numeral
 from toppling.models.motions.formats.units import unit_of
 from toppling.results.hazard.curves import HazardCurve
 from toppling.results.hazard.measure_names import LONGEST_NAME, imt_of, measure_of, quantity_of

@@ -8,7 +8,7 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
-from toppling.models.files.csv_text import is_numeral
+from toppling.models.files.table import is_numeral
 from toppling.results.hazard.measure_names import imt_of, measure_with_unit
 from toppling.results.hazard.readers.assembly import HazardFile, Statement
 from toppling.results.hazard.readers.text_columns import says_value, values_of

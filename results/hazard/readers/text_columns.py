@@ -8,7 +8,7 @@ from functools import partial
 from math import isclose
 from operator import mul
 
-from toppling.models.files.csv_text import is_numeral
+from toppling.models.files.table import is_numeral
 from toppling.models.motions.formats.units import unit_of
 from toppling.results.hazard.curves import HazardCurve, intensity_at
 from toppling.results.hazard.measure_names import LONGEST_NAME, measure_of, measure_with_unit, quantity_of

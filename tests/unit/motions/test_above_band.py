@@ -5,9 +5,9 @@ import pytest
 from refusals import refused
 from scipy.signal import butter, sosfiltfilt
 
-from toppling.models.motions.above_band import with_motion_above
 from toppling.models.motions.intensity import velocity_m_s
 from toppling.models.motions.motion import Motion
+from toppling.models.motions.record import with_motion_above
 
 CORNER_HZ = 25.0
 

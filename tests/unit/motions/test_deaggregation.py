@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from refusals import refused
 
-from toppling.models.motions.deaggregation import read_deaggregation
+from toppling.models.motions.selection import read_deaggregation
 
 EDGES = "mag_bin_edges=[5.0, 6.0, 7.0], dist_bin_edges=[0.0, 10.0, 20.0]"
 

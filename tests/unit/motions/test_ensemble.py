@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 from refusals import refused
 
-from toppling.models.files.tables import write_table
+from toppling.models.files.digest import write_table
 from toppling.models.motions.ensemble import CATALOG, MOTIONS, Ensemble
 from toppling.models.motions.measures import MEASURES
 from toppling.models.motions.synthetic import synthetic_ensemble

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 from refusals import refused
 
-from toppling.models.motions.impose import impose
 from toppling.models.motions.intensity import displacement_m, measure
 from toppling.models.motions.measures import SCALING_POWER
 from toppling.models.motions.motion import Motion
-from toppling.models.motions.record import Record
+from toppling.models.motions.record import Record, impose
 from toppling.models.motions.synthetic import synthetic_ensemble
 
 

@@ -7,7 +7,7 @@ import pytest
 from motion_samples import WRITERS, imported, shaking
 from refusals import left_out, tells
 
-from toppling.models.files.tables import write_table
+from toppling.models.files.digest import write_table
 from toppling.models.motions.ensemble import CATALOG, MOTIONS, Ensemble
 from toppling.models.motions.place import BOREHOLE, FREE_FIELD, Place, at_depth, place_in_name, place_in_words
 

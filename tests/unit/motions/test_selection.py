@@ -7,10 +7,9 @@ import pytest
 from reference.idealised import full_sine
 from refusals import refused
 
-from toppling.models.motions.deaggregation import read_deaggregation
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.record import Record
-from toppling.models.motions.selection import Choice, hazard_weights, select
+from toppling.models.motions.selection import Choice, hazard_weights, read_deaggregation, select
 
 
 @pytest.fixture(scope="module")

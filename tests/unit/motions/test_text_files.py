@@ -7,7 +7,7 @@ import pytest
 from motion_samples import STEP_S, WRITERS, imported, only, shaking
 from refusals import refused
 
-from toppling.models.files.text_file import text_of
+from toppling.models.files.given import text_of
 from toppling.models.motions.formats import read_file
 
 TEXT = set(WRITERS) - {"miniseed", "miniseed_in_pieces", "sac", "columns_with_commas", "csmip_v2_bare"}

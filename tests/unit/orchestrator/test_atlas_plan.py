@@ -10,8 +10,7 @@ from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.dispatch import Dispatch
-from toppling.orchestrator.order import JOBS_OF_A_ROCK, taking_turns
-from toppling.orchestrator.plan import plan, plan_of
+from toppling.orchestrator.plan import JOBS_OF_A_ROCK, plan, plan_of, taking_turns
 from toppling.orchestrator.site_table import read_sites, sites_text
 
 AXES = {"pga_m_s2": [2, 4, 8], "azimuth_deg": [0, 90], "friction": [0.8]}

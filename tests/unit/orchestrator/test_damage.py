@@ -10,7 +10,7 @@ from refusals import refused
 from small_campaigns import planned_in
 
 from toppling.models.errors import InputError
-from toppling.models.files.tables import read_table
+from toppling.models.files.digest import read_table
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.pedestal import Pedestal
 from toppling.models.scene import Scene

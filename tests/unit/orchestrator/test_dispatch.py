@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from toppling.orchestrator.dispatch import FIRST_JOBS, Dispatch, Limits, why_given_up
 from toppling.orchestrator.execution import budget_s, room_for
-from toppling.orchestrator.order import balanced_order
+from toppling.orchestrator.plan import balanced_order
 
 
 def dispatch_of(jobs):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from small_campaigns import planned_in
 
-from toppling.orchestrator.estimate import (
+from toppling.orchestrator.pilot import (
     sampled_rows,
     spread,
     timed_jobs,

@@ -7,7 +7,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from toppling.orchestrator.order import (
+from toppling.orchestrator.plan import (
     JOBS_OF_A_SCENE,
     balanced_order,
     block_jobs,

@@ -14,7 +14,7 @@ from refusals import refused
 from small_campaigns import campaign_in
 
 from toppling.models.motions.ensemble import Ensemble
-from toppling.models.motions.impose import impose
+from toppling.models.motions.record import impose
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cli import cli

@@ -3,7 +3,7 @@
 import pytest
 from click.testing import CliRunner
 
-from toppling.models.spelling import nearest
+from toppling.models.errors import nearest
 from toppling.orchestrator.cli import VERBS, cli
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from toppling.orchestrator.order import realisations_spread
+from toppling.orchestrator.plan import realisations_spread
 from toppling.results.analysis.lognormal import design_of, fit
 from toppling.results.analysis.resampling import base_spread, narrowed_by, sampled
 

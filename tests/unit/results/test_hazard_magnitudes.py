@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from refusals import refused
 from scipy.stats import norm
 
-from toppling.models.motions.deaggregation import Bin
+from toppling.models.motions.selection import Bin
 from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.hazard.gmm import MODELS, GroundMotionModel
 from toppling.results.hazard.magnitudes import (

@@ -13,7 +13,7 @@ import toppling.results.queries
 import toppling.results.reader
 import toppling.results.store
 from toppling.models.errors import InputError
-from toppling.models.files.tables import write_table
+from toppling.models.files.digest import write_table
 from toppling.models.scene import Scene
 from toppling.orchestrator.cli import cli
 from toppling.orchestrator.run_folder import SCHEMA_VERSION

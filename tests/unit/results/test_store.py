@@ -10,8 +10,7 @@ import pytest
 from refusals import refused
 from seeded import row
 
-from toppling.models.files.digest import write_json
-from toppling.models.files.tables import write_table
+from toppling.models.files.digest import write_json, write_table
 from toppling.results import store
 from toppling.results.reader import open_run
 from toppling.results.schema import GROUPS, SCHEMA, describe

@@ -10,7 +10,7 @@ from refusals import refused
 
 from toppling.models.errors import InputError
 from toppling.models.files.digest import seal_archive
-from toppling.models.files.scene_document import GEOMETRY, LABELS, WORKED_OUT
+from toppling.models.files.schemas import GEOMETRY, LABELS, WORKED_OUT
 from toppling.models.hidden_base.inspection import Inspection, inspection_of
 from toppling.models.scan.hints_file import HINTS, KEYS, hints_text, read_hints, write_hints
 from toppling.models.scan.survey import save_survey, survey

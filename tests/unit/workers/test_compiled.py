@@ -14,7 +14,7 @@ from numba.core.runtime import _nrt_python, rtsys
 
 from toppling import Motion, Scene, shake
 from toppling.models.compiled import _COMPILED_ROOMS, FOLDER, _private_folder, _QuickFlags, _VerifiedFile
-from toppling.models.contact import ContactProperties
+from toppling.models.pedestal import ContactProperties
 from toppling.workers.shake import compile_once
 
 SHAKE = """

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from toppling.models.contact import ContactProperties
 from toppling.models.hidden_base.draws import BaseDraw, UnseenBase
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.synthetic import synthetic_ensemble
+from toppling.models.pedestal import ContactProperties
 from toppling.models.scene import Scene
 from toppling.workers.job import Assets, JobSpec, prepared
 

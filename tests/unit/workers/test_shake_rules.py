@@ -10,10 +10,9 @@ from refusals import refused
 from scipy.spatial.transform import Rotation
 from virtual_rocks import ellipsoid
 
-from toppling.models.contact import ContactProperties
 from toppling.models.ground.points import contact_of
 from toppling.models.motions.motion import Motion
-from toppling.models.pedestal import Pedestal
+from toppling.models.pedestal import ContactProperties, Pedestal
 from toppling.models.rock import Rock
 from toppling.models.scene import Scene
 from toppling.models.shapes import box

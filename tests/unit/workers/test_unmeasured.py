@@ -4,11 +4,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from toppling.models.contact import ContactProperties
 from toppling.models.hidden_base.draws import BaseDraw, UnseenBase
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.motion import Motion
 from toppling.models.motions.record import Record
+from toppling.models.pedestal import ContactProperties
 from toppling.models.scene import Scene
 from toppling.workers.job import Assets, JobSpec, prepared
 from toppling.workers.unmeasured import Unmeasured

@@ -1,20 +1,20 @@
 """A sound file for every reader of the program, and how it is read: what the fuzzer mutates and calls."""
 
 import json
-import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-import laspy
 import numpy as np
 import open3d as o3d
 import pye57
 import pyproj
 import trimesh
+from cloud_samples import las, ptx
 from motion_samples import STEP_S, WRITERS, shaking
+from scipy.spatial.transform import Rotation
 
 from toppling.models.files.mesh_files import read_header, read_triangles, write_ply
 from toppling.models.hidden_base.inspection import inspection_of
@@ -62,32 +62,11 @@ POINTS_M = np.random.default_rng(1).uniform(0.0, 5.0, (1100, 3)).round(3)
 BOX = trimesh.creation.box((0.4, 0.5, 1.2))
 
 
-def _write_las(path: Path) -> None:
-    header = laspy.LasHeader(point_format=1, version="1.2")
-    header.scales = [0.001] * 3
-    cloud = laspy.LasData(header)
-    cloud.x, cloud.y, cloud.z = POINTS_M.T
-    cloud.write(path)
-
-
 def _write_las_of_feet(path: Path) -> None:
     """With the coordinate system in words, and in GeoTIFF's keys."""
-    header = laspy.LasHeader(point_format=6, version="1.4")
-    header.scales = [0.001] * 3
     words = pyproj.CRS.from_user_input("EPSG:2229+6360").to_wkt("WKT1_GDAL")
-    keys = struct.pack("<16H", 1, 1, 0, 3, 1024, 0, 1, 1, 3072, 0, 1, 2229, 4099, 0, 1, 9003)
-    for number, content in ((2112, words.encode() + b"\0"), (34735, keys)):
-        header.vlrs.append(laspy.VLR("LASF_Projection", number, "", content))
-    header.global_encoding.wkt = path.suffix == ".las"
-    cloud = laspy.LasData(header)
-    cloud.x, cloud.y, cloud.z = POINTS_M.T
-    cloud.write(path)
-
-
-def _write_ptx(path: Path) -> None:
-    identity = "1 0 0\n0 1 0\n0 0 1\n" + "1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n"
-    points = "".join(f"{x:.4f} {y:.4f} {z:.4f} 0.5\n" for x, y, z in POINTS_M)
-    path.write_text(f"{len(POINTS_M)}\n1\n0 0 0\n{identity}{points}")
+    version = "1.4" if path.suffix == ".las" else "1.2"
+    las(path, POINTS_M, wkt=words, keys=[(1024, 1), (3072, 2229), (4099, 9003)], version=version)
 
 
 def _write_e57(path: Path) -> None:
@@ -110,10 +89,10 @@ def _rows(form: str) -> str:
 
 
 CLOUDS: dict[str, tuple[str, Callable[[Path], None]]] = {
-    "cloud.las": ("cloud.las", _write_las),
-    "cloud.laz": ("cloud.laz", _write_las),
+    "cloud.las": ("cloud.las", lambda path: las(path, POINTS_M)),
+    "cloud.laz": ("cloud.laz", lambda path: las(path, POINTS_M)),
     "cloud.e57": ("cloud.e57", _write_e57),
-    "cloud.ptx": ("cloud.ptx", _write_ptx),
+    "cloud.ptx": ("cloud.ptx", lambda path: ptx(path, [(POINTS_M, Rotation.identity(), np.zeros(3))])),
     "cloud.ply": ("cloud.ply", lambda path: _write_tensor(path)),
     "cloud ascii.ply": ("cloud.ply", lambda path: _write_tensor(path, write_ascii=True)),
     "cloud.pcd": ("cloud.pcd", lambda path: _write_tensor(path)),

@@ -3,10 +3,9 @@
 from pathlib import Path
 
 import numpy as np
-import obspy
 import pytest
-from motion_samples import STEP_S, WRITERS, columns, imported, peer, shaking
-from obspy.core.inventory import Channel, Inventory, Network, Response, Station
+from motion_samples import STEP_S, WRITERS, columns, imported, peer, shaking, tabled, write_counts
+from obspy.core.inventory import Response
 from refusals import left_out
 
 from toppling.models.motions.motion import Motion
@@ -61,8 +60,7 @@ def test_two_records_that_are_one_are_found_at_any_two_time_steps(step_s, tmp_pa
     times = np.arange(0, 1999 * STEP_S, step_s)
     other = np.column_stack([np.interp(times, np.arange(2000) * STEP_S, column) for column in a.T])
     np.savetxt(tmp_path / "rec.txt", np.column_stack([times, other]), fmt="%.6f")
-    table = tmp_path / "table.csv"
-    table.write_text("rec_id,h1,h2,v,unit,processing\nA,rec.txt,rec.txt,rec.txt,m/s2,corrected\n")
+    tabled([tmp_path / "rec.txt"] * 3, unit="m/s2", processing="corrected")
     outcome = imported(tmp_path, process=None)
     assert len(outcome.records) == 1
     left_out(outcome, "record.given_twice")
@@ -113,24 +111,18 @@ def test_a_seismometers_response_is_removed_and_the_xmls_azimuths_orient(unit, o
     } | {"Z": velocity[:, 2]}
     gain, corner = 1e6, 2 * np.pi / 120
     poles = [corner * (-0.707 + 0.707j), corner * (-0.707 - 0.707j)]
-    channels = []
-    for code, counts in series.items():
-        header = {"network": "XX", "station": "BB", "channel": f"HH{code}", "delta": STEP_S}
-        trace = obspy.Trace(np.round(counts * gain).astype(np.int32), header)
-        trace.stats.starttime = obspy.UTCDateTime(2020, 1, 1)
-        trace.write(str(tmp_path / f"BB.HH{code}.mseed"), format="MSEED")
-        response = Response.from_paz(
-            [0, 0], poles, gain, 1.0, input_units="M/S", output_units="COUNTS", normalization_factor=1.0
-        )
-        for part in (response.instrument_sensitivity, response.response_stages[0]):
-            part.input_units = unit
-        response.instrument_sensitivity.value *= one_m_s
-        response.response_stages[0].stage_gain *= one_m_s
-        angles = {"azimuth": turned.get(code, 0), "dip": -90 if code == "Z" else 0}
-        channels.append(Channel(f"HH{code}", "", 0, 0, 0, 0, response=response, **angles))
-    Inventory([Network("XX", [Station("BB", 0, 0, 0, channels=channels)])], source="test").write(
-        str(tmp_path / "BB.xml"), format="STATIONXML"
+    response = Response.from_paz(
+        [0, 0], poles, gain, 1.0, input_units="M/S", output_units="COUNTS", normalization_factor=1.0
     )
+    for part in (response.instrument_sensitivity, response.response_stages[0]):
+        part.input_units = unit
+    response.instrument_sensitivity.value *= one_m_s
+    response.response_stages[0].stage_gain *= one_m_s
+    channels = {
+        f"HH{code}": (gain * counts, turned.get(code, 0), -90 if code == "Z" else 0)
+        for code, counts in series.items()
+    }
+    write_counts(tmp_path, channels, response)
     (record,) = imported(tmp_path).records
     assert record.north_known
     assert any("response removed" in step for step in record.history)
@@ -139,12 +131,11 @@ def test_a_seismometers_response_is_removed_and_the_xmls_azimuths_orient(unit, o
     assert error < 0.02 * np.abs(a).max()
 
 
-def unstated(folder: Path, motion: np.ndarray, header: str = "unit", says: str = "m/s2"):
-    """Time and three columns of which the table does not say if they were corrected."""
+def unstated(folder: Path, motion: np.ndarray, **stated: str):
+    """Time and three columns of which the table may not say if they were corrected."""
     time = np.arange(len(motion)) * STEP_S
     np.savetxt(folder / "rec.txt", np.column_stack([time, motion]), fmt="%.6f")
-    (folder / "table.csv").write_text(f"rec_id,h1,h2,v,{header}\nA,rec.txt,rec.txt,rec.txt,{says}\n")
-    return folder
+    tabled([folder / "rec.txt"] * 3, **stated)
 
 
 def long_shaking() -> np.ndarray:
@@ -155,7 +146,8 @@ def long_shaking() -> np.ndarray:
 def test_counts_scaled_to_peaks_are_uncorrected_and_their_zero_is_taken_off(tmp_path):
     a = long_shaking()
     peaks, pgv = np.abs(a).max(axis=0), Record.of("a", Motion(a, STEP_S)).intensity["pgv_m_s"]
-    unstated(tmp_path, 1000 * a + 350, "pga_h1,pga_h2,pga_v", ",".join(map(str, peaks)))
+    stated = dict(zip(("pga_h1", "pga_h2", "pga_v"), map(str, peaks), strict=True))
+    unstated(tmp_path, 1000 * a + 350, **stated)
     for process, quality in ((None, "processed"), (False, "uncorrected")):
         (record,) = imported(tmp_path, process=process).records
         assert record.quality == quality
@@ -191,7 +183,7 @@ NO, ALL, ONE = np.zeros((6000, 3)), np.full((6000, 3), 0.02), np.eye(3)[0]
 )  # fmt: skip
 def test_columns_are_left_if_they_are_called_corrected_or_do_not_drift(added_m_s2, word, quality, tmp_path):
     a = long_shaking()
-    unstated(tmp_path, a + added_m_s2, "unit,processing", f"m/s2,{word}")
+    unstated(tmp_path, a + added_m_s2, unit="m/s2", processing=word)
     (record,) = imported(tmp_path, process=None).records
     assert record.quality == quality
     if added_m_s2 is ALL and not word:

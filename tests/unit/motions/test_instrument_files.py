@@ -50,7 +50,6 @@ def test_pieces_of_a_channel_that_fit_are_one(parts, tmp_path):
     ("parts", "change", "code", "named"),
     [
         ([(0, 600, 0), (400, 1000, 0)], lambda data: data + 1, "record.overlap", "2 s"),
-        ([(0, 600, 0), (400, 1000, 0)], lambda data: -data, "record.overlap", "2 s"),
         ([(0, 1000, 0), (500, 700, 0)], lambda data: data[::-1].copy(), "record.overlap", "2 s"),
         ([(0, 600, 0), (700, 1000, 0)], lambda data: data, "record.gap", "1 s"),
         ([(0, 600, 0), (601, 1000, 0)], lambda data: data, "record.gap", "0.01 s"),
@@ -89,37 +88,32 @@ def test_the_channels_code_decides_where_sacs_inclination_contradicts_it(channel
     assert sum("the code decides" in text for _, text in outcome.warnings) == told
 
 
+def changed_sac(folder, change):
+    """The first channel with something changed."""
+    path = sac(folder, shaking())[0]
+    trace = obspy.read(str(path))[0]
+    change(trace)
+    trace.write(str(path), format="SAC")
+    return path
+
+
 @pytest.mark.parametrize(("idep", "quantity"), [(6, "displacement"), (7, "velocity"), (50, "volts")])
 def test_sac_of_another_quantity_is_refused_by_its_name(idep, quantity, tmp_path):
-    path = sac(tmp_path, shaking())[0]
-    trace = obspy.read(str(path))[0]
-    trace.stats.sac.idep = idep
-    trace.write(str(path), format="SAC")
     with refused("record.not_acceleration", idep, quantity):
-        read_file(path)
+        read_file(changed_sac(tmp_path, lambda trace: trace.stats.sac.update({"idep": idep})))
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_samples_of_sac_that_are_not_finite_are_refused(bad, tmp_path):
-    path = sac(tmp_path, shaking())[0]
-    trace = obspy.read(str(path))[0]
-    trace.data[17] = bad
-    trace.write(str(path), format="SAC")
     with refused("record.sample_out_of_range", "sample 17 of HNE", f"{bad:g}"):
-        read_file(path)
+        read_file(changed_sac(tmp_path, lambda trace: trace.data.put(17, bad)))
 
 
 @pytest.mark.parametrize(
     ("pga", "pgv", "unit", "told"),
     [
         (20.0, 2.0, None, []),
-        (
-            36.0,
-            1.0,
-            9.80665,
-            ["PGA is 36 m/s2, more than 3 g", "in m/s2 and not in g, the peak is 3.67 m/s2"],
-        ),
-        (36.0, 1.0, 1.0, ["in cm/s2 and not in m/s2, the peak is 0.36 m/s2"]),
+        (36.0, 1.0, 9.80665, ["more than 3 g", "in m/s2 and not in g, the peak is 3.67 m/s2"]),
         (267.0, 20.0, None, ["in cm/s2 and not in m/s2, the peak is 2.67 m/s2", "PGV is 20 m/s"]),
         (8.0, 4.5, None, ["PGV is 4.5 m/s, more than 3 m/s: if its samples are in m/s2 and not in g"]),
         (1e9, 1e9, 1.0, ["PGA is 1e+09 m/s2"]),

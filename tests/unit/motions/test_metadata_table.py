@@ -1,7 +1,7 @@
 """A metadata table is used, or it is said what of it is not; it does not contradict the files' own headers."""
 
 import pytest
-from motion_samples import WRITERS, imported, shaking
+from motion_samples import WRITERS, imported, shaking, tabled
 from refusals import left_out, refused, tells
 
 from toppling.models.motions.metadata import read_table
@@ -86,10 +86,9 @@ def with_rows(folder, *rows):
     return imported(folder)
 
 
-def with_columns(folder, names, values, write="peer"):
+def with_columns(folder, names, values):
     """One record with more columns in its row."""
-    east, north, up = (path.name for path in WRITERS[write](folder, shaking()))
-    written(folder, f"rec_id,h1,h2,v,{names}\nA,{east},{north},{up},{values}")
+    tabled(WRITERS["peer"](folder, shaking()), **{names: values})
     return imported(folder)
 
 

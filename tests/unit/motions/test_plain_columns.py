@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from motion_samples import COUNT, STEP_S, shaking
+from motion_samples import COUNT, STEP_S, shaking, tabled
 from refusals import left_out, refused
 
 from toppling.models.motions.formats import read_file
@@ -155,11 +155,8 @@ def written(folder, text, name="rec.csv"):
 
 
 def by_table(path, unit="m/s2"):
-    table = path.with_name("table.csv")
-    table.write_text(
-        f"rec_id,h1,h2,v,unit,processing\nA,{path.name},{path.name},{path.name},{unit},corrected\n"
-    )
-    return import_records([path], read_table(table), ImportOptions())
+    tabled([path] * 3, unit=unit, processing="corrected")
+    return import_records([path], read_table(path.with_name("table.csv")), ImportOptions())
 
 
 def check_same(outcome, motion=A, north_known=True):

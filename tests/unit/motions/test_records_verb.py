@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from motion_samples import WRITERS, shaking
+from motion_samples import WRITERS, shaking, tabled
 
 from toppling.models.motions.ensemble import Ensemble
 from toppling.orchestrator.cli import cli
@@ -18,10 +18,16 @@ def run(*arguments, expect=0):
     return result
 
 
-def test_import_reads_what_it_can_and_ends_with_what_it_left_out(tmp_path):
+def given(tmp_path, name):
+    """A folder of files of a format."""
     folder = tmp_path / "in"
     folder.mkdir()
-    WRITERS["peer"](folder, shaking())
+    WRITERS[name](folder, shaking())
+    return folder
+
+
+def test_import_reads_what_it_can_and_ends_with_what_it_left_out(tmp_path):
+    folder = given(tmp_path, "peer")
     (folder / "broken.AT2").write_text("PEER NGA STRONG MOTION DATABASE RECORD\nx\n")
     result = run("import", folder, "--out", tmp_path / "out")
     assert "1 record from 4 files" in result.output
@@ -37,11 +43,9 @@ def test_import_reads_what_it_can_and_ends_with_what_it_left_out(tmp_path):
 
 
 def test_import_takes_what_files_do_not_say_from_the_table_and_hints_at_one(tmp_path):
-    folder = tmp_path / "in"
-    folder.mkdir()
-    WRITERS["columns"](folder, shaking())
+    folder = given(tmp_path, "columns")
     with_table = run("import", folder, "--out", tmp_path / "a", "--metadata", folder / "table.csv", "--json")
-    assert json.loads(with_table.stdout)["records"] == ["C1"]
+    assert json.loads(with_table.stdout)["records"] == ["A"]
     without = run("import", folder, "--out", tmp_path / "b", expect=1)
     assert without.exception.code == "record.none_found"
     assert "looks like a metadata table" in without.output
@@ -49,9 +53,7 @@ def test_import_takes_what_files_do_not_say_from_the_table_and_hints_at_one(tmp_
 
 
 def test_import_replaces_an_ensemble_only_when_told(tmp_path):
-    folder = tmp_path / "in"
-    folder.mkdir()
-    WRITERS["esm"](folder, shaking())
+    folder = given(tmp_path, "esm")
     run("import", folder, "--out", tmp_path / "out")
     again = run("import", folder, "--out", tmp_path / "out", expect=1)
     assert again.exception.code == "ensemble.exists"
@@ -89,9 +91,7 @@ def test_a_selection_of_a_weighted_ensemble_keeps_its_weights(made, tmp_path):
 
 
 def test_import_resamples_when_told_and_keeps_what_both_steps_can_hold(tmp_path):
-    folder = tmp_path / "in"
-    folder.mkdir()
-    WRITERS["peer"](folder, shaking())
+    folder = given(tmp_path, "peer")
     run("import", folder, "--out", tmp_path / "own")
     run("import", folder, "--out", tmp_path / "finer", "--time-step", 0.0025)
     own, finer = (Ensemble.load(tmp_path / name) for name in ("own", "finer"))
@@ -112,9 +112,9 @@ def test_peaks_of_the_table_scale_counts_of_one_instrument_and_no_others(tmp_pat
     # Counts with an offset; the sensitivity is 1000 counts per m/s2.
     counts = [1000 * peak * shape / np.abs(shape).max() + 7 for peak in (2.0, 4.0, 1.0)]
     np.savetxt(tmp_path / "rec.txt", np.column_stack([time, *counts]), fmt="%.6f")
-    table = tmp_path / "table.csv"
-    table.write_text(f"rec_id,h1,h2,v,pga_h1,pga_h2,pga_v\nA,rec.txt,rec.txt,rec.txt,{peaks}\n")
-    result = run("import", tmp_path / "rec.txt", "--out", tmp_path / "out", "--metadata", table, expect=None)
+    tabled([tmp_path / "rec.txt"] * 3, **{"pga_h1,pga_h2,pga_v": peaks})
+    options = ("--out", tmp_path / "out", "--metadata", tmp_path / "table.csv")
+    result = run("import", tmp_path / "rec.txt", *options, expect=None)
     if records:
         record = Ensemble.load(tmp_path / "out").record("A")
         intensity = record.intensity

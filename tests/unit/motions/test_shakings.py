@@ -82,7 +82,7 @@ def test_one_name_of_the_table_is_one_shaking_only_if_the_records_begin_together
 ):
     for folder, seed in (("a", 0), ("b", 1)):
         (tmp_path / folder).mkdir()
-        for path in WRITERS["miniseed"](tmp_path / folder, shaking(seed=seed), response=False):
+        for path in WRITERS["miniseed"](tmp_path / folder, shaking(seed=seed), response=None):
             stream = obspy.read(str(path))
             stream[0].stats.starttime += 3600 * hours_later * seed
             stream.write(str(path), format="MSEED")

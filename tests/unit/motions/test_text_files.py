@@ -10,7 +10,7 @@ from refusals import refused
 from toppling.models.files.given import text_of
 from toppling.models.motions.formats import read_file
 
-TEXT = set(WRITERS) - {"miniseed", "miniseed_in_pieces", "sac", "columns_with_commas", "csmip_v2_bare"}
+TEXT = set(WRITERS) - {"miniseed", "sac"}
 READ = {"peer", "csmip_v1", "esm", "columns", "knet"}
 """One of each kind of reader is read in each way, all others in the two that change most."""
 WAYS = {

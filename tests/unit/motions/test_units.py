@@ -5,9 +5,8 @@ import copy
 import numpy as np
 import obspy
 import pytest
-from motion_samples import imported, miniseed, only, shaking
-from obspy.core.inventory import Channel, Inventory, Network, Response, Station
-from obspy.core.inventory.response import InstrumentSensitivity
+from motion_samples import imported, miniseed, only, sensitivity, shaking
+from obspy.core.inventory import Response
 from refusals import left_out
 
 from toppling.models.motions.formats.units import Unit, acceleration_m_s2, counted_unit, unit_of
@@ -74,18 +73,13 @@ def station_of(
 ):
     """MiniSEED of counts at 200,000 to 1 m/s2, and a StationXML that states a unit and a gain."""
     a = shaking()
-    miniseed(folder, a, response=False)
-    channels = []
-    for letter, azimuth, dip in (("E", 90, 0), ("N", 0, 0), ("Z", 0, -90)):
-        response = Response(instrument_sensitivity=InstrumentSensitivity(gain, 1.0, unit, "COUNTS"))
-        if stages_unit is not None:
-            units = {"input_units": "M/S**2", "output_units": "COUNTS"}
-            response = Response.from_paz([], [], stage_gain or gain, 1.0, normalization_factor=1.0, **units)
-            response.response_stages[0].input_units = stages_unit
-            response.instrument_sensitivity = InstrumentSensitivity(gain, 1.0, unit, "COUNTS")
-        channels.append(Channel(f"HN{letter}", "", 0, 0, 0, 0, azimuth=azimuth, dip=dip, response=response))
-    inventory = Inventory([Network("XX", [Station("TST", 0, 0, 0, channels=channels)])], source="test")
-    inventory.write(str(folder / "XX.TST.xml"), format="STATIONXML")
+    response = sensitivity(unit, gain)
+    if stages_unit is not None:
+        units = {"input_units": "M/S**2", "output_units": "COUNTS"}
+        response = Response.from_paz([], [], stage_gain or gain, 1.0, normalization_factor=1.0, **units)
+        response.response_stages[0].input_units = stages_unit
+        response.instrument_sensitivity = sensitivity(unit, gain).instrument_sensitivity
+    miniseed(folder, a, response)
     return a, imported(folder)
 
 

@@ -1,10 +1,8 @@
 """Units and coordinate systems that clouds state: read, or refused by name; never silently taken as metres."""
 
-import struct
-
-import laspy
 import numpy as np
 import pytest
+from cloud_samples import las, ply, read
 from pyproj import CRS
 from refusals import refused
 
@@ -16,40 +14,10 @@ FOOT_PLANE, METRE_PLANE, DEGREES = 2229, 32611, 4326
 NAVD88_M, NAVD88_US_FT = 5703, 6360
 
 
-def las(path, metres_per_unit=(1.0, 1.0), *, wkt="", keys=(), doubles=(), version="1.2"):
+def scaled(path, metres_per_unit=(1.0, 1.0), **system):
     """A LAS file whose numbers are POINTS_M in units of so many metres, across and upward."""
-    header = laspy.LasHeader(point_format=6 if version == "1.4" else 1, version=version)
-    header.scales = [0.0001] * 3
-    if wkt:
-        header.vlrs.append(laspy.VLR("LASF_Projection", 2112, "WKT", wkt.encode() + b"\0"))
-        header.global_encoding.wkt = version == "1.4"
-    if keys:
-        words = [1, 1, 0, len(keys)]
-        for key, value in keys:
-            where = 34736 if key == 3077 else 0
-            words += [key, where, 1, value]
-        content = struct.pack(f"<{len(words)}H", *words)
-        header.vlrs.append(laspy.VLR("LASF_Projection", 34735, "keys", content))
-        header.vlrs.append(
-            laspy.VLR("LASF_Projection", 34736, "", struct.pack(f"<{len(doubles)}d", *doubles))
-        )
-    cloud = laspy.LasData(header)
     across, up = metres_per_unit
-    cloud.x, cloud.y, cloud.z = (POINTS_M / (across, across, up)).T
-    cloud.write(path)
-    return path
-
-
-def ply(path, points, *comments, kind="double"):
-    head = ["ply", "format ascii 1.0", *comments, f"element vertex {len(points)}"]
-    head += [*(f"property {kind} {axis}" for axis in "xyz"), "end_header"]
-    path.write_text("\n".join(head) + "\n" + "\n".join(" ".join(f"{c:.6f}" for c in row) for row in points))
-    return path
-
-
-def read(path, unit=None):
-    cloud = read_clouds([path], unit)
-    return cloud.points_m + cloud.origin_m
+    return las(path, POINTS_M / (across, across, up), **system)
 
 
 def wkt_of(plane, vertical=None, version="WKT2_2019"):
@@ -75,7 +43,7 @@ def wkt_of(plane, vertical=None, version="WKT2_2019"):
 def test_units_of_a_coordinate_system_in_words_are_read(
     tmp_path, version, las_version, plane, vertical, metres_per_unit
 ):
-    path = las(
+    path = scaled(
         tmp_path / "cloud.las", metres_per_unit, wkt=wkt_of(plane, vertical, version), version=las_version
     )
     np.testing.assert_allclose(read(path), POINTS_M, atol=1e-4)
@@ -95,7 +63,7 @@ def test_units_of_a_coordinate_system_in_words_are_read(
     ],
 )
 def test_units_of_geotiff_keys_are_read(tmp_path, keys, doubles, metres_per_unit):
-    path = las(tmp_path / "cloud.laz", metres_per_unit, keys=keys, doubles=doubles)
+    path = scaled(tmp_path / "cloud.laz", metres_per_unit, keys=keys, doubles=doubles)
     np.testing.assert_allclose(read(path), POINTS_M, atol=1e-4)
 
 
@@ -113,7 +81,7 @@ def test_units_of_geotiff_keys_are_read(tmp_path, keys, doubles, metres_per_unit
     ],
 )  # fmt: skip
 def test_a_system_without_lengths_or_sense_is_refused_and_the_users_word_overrules_it(tmp_path, system, what):
-    path = las(tmp_path / "cloud.las", **system)
+    path = scaled(tmp_path / "cloud.las", **system)
     with refused(what) as error:
         read_clouds([path])
     assert "cloud.las" in error.value.where

@@ -1,33 +1,20 @@
 """Points that a cloud holds more than once say no more than once."""
 
-import laspy
 import numpy as np
 import pytest
+from cloud_samples import las, ply
 from refusals import refused
 
-from toppling.models.files.mesh_files import write_ply
 from toppling.models.scan.read import read_clouds
 from toppling.models.scan.register import copies, registered
 from toppling.models.scan.survey import work_out
-
-
-def write_las(path, points_m):
-    header = laspy.LasHeader(point_format=1, version="1.2")
-    header.scales = np.full(3, 1e-4)
-    las = laspy.LasData(header)
-    las.x, las.y, las.z = points_m.T
-    las.write(path)
 
 
 def write_xyz(path, points_m):
     np.savetxt(path, points_m, fmt="%.6f")
 
 
-def write_cloud(path, points_m):
-    write_ply(path, points_m, np.empty((0, 3), np.int64))
-
-
-WRITERS = {"las": write_las, "ply": write_cloud, "xyz": write_xyz}
+WRITERS = {"las": las, "ply": ply, "xyz": write_xyz}
 
 
 @pytest.mark.parametrize("suffix", WRITERS)
@@ -72,7 +59,7 @@ def seen(stump, tmp_path_factory):
     """Points of the stump, and the file of them."""
     points_m = stump[1].points_m[::2]
     file = tmp_path_factory.mktemp("whole") / "once.ply"
-    write_cloud(file, points_m)
+    ply(file, points_m)
     return points_m, file
 
 
@@ -80,8 +67,8 @@ def seen(stump, tmp_path_factory):
 def test_tiles_that_overlap_give_the_rock_of_the_whole(seen, tmp_path):
     points_m, file = seen
     once = work_out(read_clouds([file]))[0]
-    write_cloud(tmp_path / "west.ply", points_m[points_m[:, 0] < 0.6])
-    write_cloud(tmp_path / "east.ply", points_m[points_m[:, 0] > -0.6])
+    ply(tmp_path / "west.ply", points_m[points_m[:, 0] < 0.6])
+    ply(tmp_path / "east.ply", points_m[points_m[:, 0] > -0.6])
     tiled = work_out(read_clouds([tmp_path / "west.ply", tmp_path / "east.ply"]))[0]
     rock, whole = tiled.closed.rock, once.closed.rock
     assert rock.volume_m3 == pytest.approx(whole.volume_m3, rel=0.01)

@@ -1,8 +1,8 @@
 """Rock and pedestal that were separated before are taken as they are, however they are named."""
 
-import laspy
 import numpy as np
 import pytest
+from cloud_samples import las, ply, read
 from refusals import refused
 
 from toppling.models.scan import virtual
@@ -11,6 +11,7 @@ from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK
 from toppling.models.scan.survey import work_out
 from toppling.orchestrator.public.making import placed_cloud
 
+LABELLED = ("x", "y", "z", "scalar_Label")
 LAS_CLASS = {ROCK: 40, PEDESTAL: 2, NEITHER: 5}
 
 
@@ -22,19 +23,9 @@ def parted(stump, tmp_path_factory):
     points = np.round(cloud.points_m + cloud.origin_m, 4)
     for name, value in (("rock", ROCK), ("ground", PEDESTAL)):
         np.savetxt(folder / f"{name}.xyz", points[label == value], fmt="%.4f")
-    header = laspy.LasHeader(point_format=6, version="1.4")
-    header.scales, header.offsets = [1e-4] * 3, virtual.DEMO_ORIGIN_M
-    las = laspy.LasData(header)
-    las.x, las.y, las.z = points.T
-    las.classification = np.vectorize(LAS_CLASS.get)(label)
-    las.write(folder / "all.las")
-    rows = np.zeros(len(points), [("x", "f8"), ("y", "f8"), ("z", "f8"), ("scalar_Label", "f4")])
-    rows["x"], rows["y"], rows["z"], rows["scalar_Label"] = *points.T, label + 1
-    properties = "".join(
-        f"property {'double' if name in 'xyz' else 'float'} {name}\n" for name in rows.dtype.names
-    )
-    head = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(rows)}\n{properties}end_header\n"
-    (folder / "all.ply").write_bytes(head.encode() + rows.tobytes())
+    classes = np.vectorize(LAS_CLASS.get)(label)
+    las(folder / "all.las", points, version="1.4", classification=classes)
+    ply(folder / "all.ply", np.column_stack([points, label + 1]), axes=LABELLED)
     return folder, label, truth.rock
 
 
@@ -97,10 +88,9 @@ def test_what_no_point_is_of_is_refused_with_what_there_is(parted):
 
 def test_points_that_are_not_finite_shift_no_label(parted):
     folder, label, _ = parted
-    head, _, body = (folder / "all.ply").read_bytes().partition(b"end_header\n")
-    rows = np.frombuffer(body, [("xyz", "f8", 3), ("label", "f4")]).copy()
-    rows["xyz"][::7] = np.nan
-    (folder / "holes.ply").write_bytes(head + b"end_header\n" + rows.tobytes())
+    rows = np.column_stack([read(folder / "all.ply"), label + 1])
+    rows[::7, :3] = np.nan
+    ply(folder / "holes.ply", rows, axes=LABELLED)
     cloud = placed_cloud([folder / "holes.ply"], {"rock": "1", "pedestal": "2"})[0]
     np.testing.assert_array_equal(cloud.label, np.delete(label, np.s_[::7]))
 

@@ -69,78 +69,48 @@ def rows(values: np.ndarray, form: str, across: int) -> str:
     return "".join("".join(texts[i : i + across]) + "\n" for i in range(0, len(texts), across))
 
 
-def peer(folder: Path, a: np.ndarray, old_style: bool = False) -> list[Path]:
-    paths = []
-    for label, series in (("090", a[:, 0]), ("000", a[:, 1]), ("UP", a[:, 2])):
-        count = (
-            f"{len(series):5d} {STEP_S:.4f} NPTS, DT"
-            if old_style
-            else f"NPTS= {len(series):6d}, DT=   .0100 SEC,"
-        )
-        title = (
-            f"TESTQUAKE 01/02/03 0405, STATION, {label} (ABC STATION 678)"
-            if old_style
-            else f"Testquake, 1/2/2003, Station, {label}"
-        )
-        body = rows(series / G, "15.7E", 5).replace(" 0.", "  .").replace("-0.", " -.")
-        path = folder / (f"STA{label}.AT2" if old_style else f"RSN9_TEST_STA{label}.AT2")
-        path.write_text(
-            "PEER NGA STRONG MOTION DATABASE RECORD\n"
-            f"{title}\nACCELERATION TIME {'HISTORY' if old_style else 'SERIES'} IN UNITS OF G\n{count}\n{body}"
-        )
-        paths.append(path)
+def apart(folder: Path, name: str, labels, a: np.ndarray, text) -> list[Path]:
+    """A file of each component, whose text is that of its label and its series."""
+    paths = [folder / name.format(label) for label in labels]
+    for path, label, series in zip(paths, labels, a.T, strict=True):
+        path.write_text(text(label, series))
     return paths
+
+
+def tabled(paths: list[Path], **stated: str) -> list[Path]:
+    """Files of a record's components, with the table that states them and more."""
+    head, row = ",".join(("rec_id,h1,h2,v", *stated)), ["A", *(path.name for path in paths), *stated.values()]
+    paths[0].with_name("table.csv").write_text(f"{head}\n{','.join(row)}\n")
+    return paths
+
+
+def peer(folder: Path, a: np.ndarray) -> list[Path]:
+    def text(label, series):
+        return (
+            f"PEER NGA STRONG MOTION DATABASE RECORD\nTestquake, 1/2/2003, Station, {label}\n"
+            f"ACCELERATION TIME SERIES IN UNITS OF G\nNPTS= {len(series):6d}, DT=   .0100 SEC,\n"
+            + rows(series / G, "15.7E", 5).replace(" 0.", "  .").replace("-0.", " -.")
+        )
+
+    return apart(folder, "RSN9_TEST_STA{}.AT2", ("090", "000", "UP"), a, text)
 
 
 def columns(folder: Path, a: np.ndarray) -> list[Path]:
-    time = np.arange(len(a)) * STEP_S
-    paths = []
-    for label, series in (("E", a[:, 0]), ("N", a[:, 1]), ("Z", a[:, 2])):
-        path = folder / f"20220917_STA1_{label}.acc"
-        path.write_text("".join(f"{t:012.8f} {v:.6f}\n" for t, v in zip(time, series, strict=True)))
-        paths.append(path)
-    table = folder / "table.csv"
-    table.write_text(
-        "rec_id,event,station,mag,dist_km,h1,h2,v,unit,processing\n"
-        "C1,Testquake,STA1,6.5,12,20220917_STA1_E.acc,20220917_STA1_N.acc,20220917_STA1_Z.acc,m/s2,corrected\n"
-    )
-    return paths
+    def text(_, series):
+        return "".join(f"{n * STEP_S:012.8f} {value:.6f}\n" for n, value in enumerate(series))
+
+    paths = apart(folder, "20220917_STA1_{}.acc", "ENZ", a, text)
+    return tabled(paths, unit="m/s2", processing="corrected", event="Testquake", mag="6.5", dist_km="12")
 
 
 def one_column(folder: Path, a: np.ndarray) -> list[Path]:
     """Acceleration alone: unit and time step are the table's to say."""
-    paths = []
-    for label, series in (("E", a[:, 0]), ("N", a[:, 1]), ("Z", a[:, 2])):
-        path = folder / f"STA2_{label}.txt"
-        path.write_text("# plain\n" + "".join(f"{v * 100:.4f}\n" for v in series))
-        paths.append(path)
-    (folder / "table.csv").write_text(
-        "rec_id,h1,h2,v,unit,dt,processing\nO1,STA2_E.txt,STA2_N.txt,STA2_Z.txt,gal,0.01,corrected\n"
-    )
-    return paths
 
+    def text(_, series):
+        return "# plain\n" + "".join(f"{value * 100:.4f}\n" for value in series)
 
-def four_columns(folder: Path, a: np.ndarray) -> list[Path]:
-    """Time and three components under their names."""
-    time = np.arange(len(a)) * STEP_S
-    lines = [f"{t:.4f}, {n:.6f}, {e:.6f}, {z:.6f}" for t, (e, n, z) in zip(time, a / G, strict=True)]
-    path = folder / "STA3.csv"
-    path.write_text("time, N, E, UP\n" + "\n".join(lines) + "\n")
-    (folder / "table.csv").write_text(
-        "rec_id,h1,h2,v,unit,processing\nF1,STA3.csv,STA3.csv,STA3.csv,g,corrected\n"
-    )
-    return [path]
-
-
-def columns_with_commas(folder: Path, a: np.ndarray) -> list[Path]:
-    """Of a spreadsheet in Europe: semicolons, decimal commas, and a unit in the encoding of Windows."""
-    lines = ["Time (s);EW (cm/s²);NS (cm/s²);UD (cm/s²)"]
-    table = np.column_stack([np.arange(len(a)) * STEP_S, a * 100])
-    lines += [";".join(f"{v:.5f}" for v in row).replace(".", ",") for row in table]
-    path = folder / "STA4.csv"
-    path.write_bytes("\r\n".join(lines).encode("cp1252"))
-    (folder / "table.csv").write_text("rec_id,h1,h2,v,processing\nF2,STA4.csv,STA4.csv,STA4.csv,corrected\n")
-    return [path]
+    paths = apart(folder, "STA2_{}.txt", "ENZ", a, text)
+    return tabled(paths, unit="gal", dt="0.01", processing="corrected")
 
 
 def _volume_1_head(channel: str, count: int, length: float, units: str) -> str:
@@ -240,16 +210,6 @@ def csmip_v2(folder: Path, a: np.ndarray) -> list[Path]:
     return [path]
 
 
-def csmip_v2_bare(folder: Path, a: np.ndarray) -> list[Path]:
-    """As of 1983: headings without a Fortran format, and DOS' ends of lines and of the file."""
-    (path,) = csmip_v2(folder, a)
-    text = path.read_text()
-    for form in ("cm/sec2. (8f10.5)", "cm/sec.  (8f10.6)", "cm.      (8f10.7)"):
-        text = text.replace(f", in {form}", f".  (UNITS: {form.partition('.')[0].upper()})")
-    path.write_bytes(text.replace("\n", "\r\n").encode() + b"\x1a" * 100)
-    return [path]
-
-
 def cosmos(folder: Path, a: np.ndarray, corrected: bool = True) -> list[Path]:
     text = ""
     for number, (label, series) in enumerate((("360 deg", a[:, 1]), ("Up", a[:, 2]), ("90 deg", a[:, 0])), 1):
@@ -277,33 +237,26 @@ def cosmos(folder: Path, a: np.ndarray, corrected: bool = True) -> list[Path]:
 
 
 def smc(folder: Path, a: np.ndarray) -> list[Path]:
-    paths = []
-    for label, series, vertical, azimuth in (
-        ("90", a[:, 0], 90, 90),
-        ("up", a[:, 2], 0, -32768),
-        ("360", a[:, 1], 90, 360),
-    ):
+    def text(label, series):
         integers = np.full(48, -32768)
-        integers[[12, 13, 15, 16]] = vertical, azimuth, 2, len(series)
+        integers[[12, 15, 16]] = 0 if label == "up" else 90, 2, len(series)
+        integers[13] = {"up": -32768}.get(label) or int(label)
         reals = np.full(50, 1.7e38)
         reals[[1, 5, 16]] = 1 / STEP_S, 6.9, 40.0
         reals[[29, 31]] = 100 * series.max(), 100 * series.min()
-        samples = "".join(
-            "".join(_short_exponent(v) for v in series[i : i + 8] * 100) + "\n"
-            for i in range(0, len(series), 8)
-        )
-        path = folder / f"np01_{label}.smc"
-        path.write_text(
+        words = [_short_exponent(value) for value in 100 * series]
+        return (
             "2 CORRECTED ACCELEROGRAM\n*\nA020A\n     1989  10  18    0004 Testquake, CA\n"
             "Moment Mag=      7.1\n"
             f"station = Test City  component=    {label}\n"
             "epicentral dist =     40.0\ninst type=SMA-1\n*\n*\n*\n"
             + rows(integers, "10d", 8)
             + rows(reals, "15.7E", 5)
-            + f"|\n|comment\n{samples}"
+            + "|\n|comment\n"
+            + "".join("".join(words[i : i + 8]) + "\n" for i in range(0, len(words), 8))
         )
-        paths.append(path)
-    return paths
+
+    return apart(folder, "np01_{}.smc", ("90", "360", "up"), a, text)
 
 
 def _short_exponent(value: float) -> str:
@@ -342,8 +295,7 @@ def geonet(folder: Path, a: np.ndarray, corrected: bool = True) -> list[Path]:
 
 
 def esm(folder: Path, a: np.ndarray) -> list[Path]:
-    paths = []
-    for letter, series in (("E", a[:, 0]), ("N", a[:, 1]), ("Z", a[:, 2])):
+    def text(letter, series):
         lines = (
             "EVENT_NAME: TEST\nEVENT_ID: EMSC-1\nMAGNITUDE_W: 6.1\nNETWORK: HI\nSTATION_CODE: ARS1\nLOCATION: \n"
             f"EPICENTRAL_DISTANCE_KM: 21.0\nSAMPLING_INTERVAL_S: {STEP_S:.6f}\nNDATA: {len(series)}\n"
@@ -351,10 +303,9 @@ def esm(folder: Path, a: np.ndarray) -> list[Path]:
             "PROCESSING: manual (Paolucci et al., 2011)"
         ).split("\n")
         lines += [f"USER{i}:" for i in range(64 - len(lines))] + [f"{v:.6f}" for v in series * 100]
-        path = folder / f"HI.ARS1..HN{letter}.D.20190728.C.ACC.ASC"
-        path.write_text("\n".join(lines) + "\n")
-        paths.append(path)
-    return paths
+        return "\n".join(lines) + "\n"
+
+    return apart(folder, "HI.ARS1..HN{}.D.20190728.C.ACC.ASC", "ENZ", a, text)
 
 
 def unam(folder: Path, a: np.ndarray) -> list[Path]:
@@ -395,91 +346,67 @@ def cwb(folder: Path, a: np.ndarray) -> list[Path]:
 
 
 def knet(folder: Path, a: np.ndarray) -> list[Path]:
-    paths = []
-    for letter, series in (("EW", a[:, 0]), ("NS", a[:, 1]), ("UD", a[:, 2])):
-        direction = {"EW": "E-W", "NS": "N-S", "UD": "U-D"}[letter]
-        counts = np.round(series * 100 / (2000 / 8388608) * 8388608 / 8388608).astype(int)
+    def text(letters, series):
         header = (
             "Origin Time=2018/01/24 19:51:00\nLat.=41.0\nLong.=142.5\nDepth. (km)=30\nMag.=6.2\n"
             "Station Code=AOM007\nStation Lat.=41.1690\nStation Long.=141.3846\nStation Height(m)=17\n"
             "Record Time=2018/01/24 19:51:36\nSampling Freq(Hz)=100Hz\n"
-            f"Duration Time(s)={len(series) * STEP_S:g}\nDir.={direction}\nScale Factor=2000(gal)/8388608\n"
-            f"Max. Acc. (gal)={np.abs(series).max() * 100:.3f}\nLast Correction=2018/01/24 19:51:36\nMemo.="
+            f"Duration Time(s)={len(series) * STEP_S:g}\nDir.={'-'.join(letters)}\n"
+            f"Scale Factor=2000(gal)/8388608\nMax. Acc. (gal)={np.abs(series).max() * 100:.3f}\n"
+            "Last Correction=2018/01/24 19:51:36\nMemo.="
         )
-        path = folder / f"AOM0071801241951.{letter}"
         lines = ["{:<18}{}\n".format(*line.split("=")) for line in header.split("\n")]
-        path.write_text("".join(lines) + rows(counts, "9d", 8))
-        paths.append(path)
-    return paths
+        return "".join(lines) + rows(np.round(series * 100 / (2000 / 8388608)).astype(int), "9d", 8)
+
+    return apart(folder, "AOM0071801241951.{}", ("EW", "NS", "UD"), a, text)
 
 
-def miniseed(folder: Path, a: np.ndarray, response: bool = True) -> list[Path]:
-    """Counts at 200,000 to 1 m/s2, and the StationXML that says so."""
-    paths, channels = [], []
-    for letter, series, azimuth, dip in (("E", a[:, 0], 90, 0), ("N", a[:, 1], 0, 0), ("Z", a[:, 2], 0, -90)):
-        header = {"network": "XX", "station": "TST", "channel": f"HN{letter}", "delta": STEP_S}
-        trace = obspy.Trace(np.round(series * 2e5).astype(np.int32), header)
+def sensitivity(unit: str = "M/S**2", gain: float = 2e5) -> Response:
+    return Response(instrument_sensitivity=InstrumentSensitivity(gain, 1.0, unit, "COUNTS"))
+
+
+COUNTS = sensitivity()
+
+
+def write_counts(folder: Path, channels: dict, response: Response | None, station: str = "TST") -> list[Path]:
+    """MiniSEED of counts and azimuth and dip of each channel, by their code, and the StationXML of their response."""
+    paths, told = [], []
+    for code, (counts, azimuth, dip) in channels.items():
+        header = {"network": "XX", "station": station, "channel": code, "delta": STEP_S}
+        trace = obspy.Trace(np.round(counts).astype(np.int32), header)
         trace.stats.starttime = obspy.UTCDateTime(2020, 1, 1)
-        path = folder / f"XX.TST..HN{letter}.mseed"
-        trace.write(str(path), format="MSEED")
-        paths.append(path)
-        sensitivity = InstrumentSensitivity(2e5, 1.0, "M/S**2", "COUNTS")
-        told = Response(instrument_sensitivity=sensitivity)
-        channels.append(Channel(f"HN{letter}", "", 0, 0, 0, 0, azimuth=azimuth, dip=dip, response=told))
+        paths.append(folder / f"XX.{station}..{code}.mseed")
+        trace.write(str(paths[-1]), format="MSEED")
+        told.append(Channel(code, "", 0, 0, 0, 0, azimuth=azimuth, dip=dip, response=response))
     if response:
-        station = Station("TST", 0, 0, 0, site=Site("test"), channels=channels)
-        path = folder / "XX.TST.xml"
-        Inventory([Network("XX", [station])], source="test").write(str(path), format="STATIONXML")
-        paths.append(path)
+        paths.append(folder / f"XX.{station}.xml")
+        network = Network("XX", [Station(station, 0, 0, 0, site=Site("test"), channels=told)])
+        Inventory([network], source="test").write(str(paths[-1]), format="STATIONXML")
     return paths
 
 
-def miniseed_in_pieces(folder: Path, a: np.ndarray) -> list[Path]:
-    """A channel in two pieces that overlap, and a StationXML with stages, in g."""
-    paths = miniseed(folder, a)
-    for path in paths[:3]:
-        (trace,) = obspy.read(str(path))
-        middle, step = trace.stats.starttime + len(a) * STEP_S / 2, 10 * STEP_S
-        pieces = [trace.slice(endtime=middle + step), trace.slice(starttime=middle - step)]
-        obspy.Stream(pieces).write(str(path), format="MSEED")
-    inventory = obspy.read_inventory(str(paths[3]))
-    for channel in inventory[0][0]:
-        channel.response = Response.from_paz(
-            [], [], 2e5, 1.0, input_units="M/S**2", output_units="COUNTS", normalization_factor=1.0
-        )
-        for part in (channel.response.instrument_sensitivity, channel.response.response_stages[0]):
-            part.input_units = "G"
-        channel.response.instrument_sensitivity.value *= G
-        channel.response.response_stages[0].stage_gain *= G
-    inventory.write(str(paths[3]), format="STATIONXML")
-    return paths
+def miniseed(folder: Path, a: np.ndarray, response: Response | None = COUNTS) -> list[Path]:
+    """Counts at 200,000 to 1 m/s2, and the StationXML that says so."""
+    east, north, up = 2e5 * a.T
+    return write_counts(folder, {"HNE": (east, 90, 0), "HNN": (north, 0, 0), "HNZ": (up, 0, -90)}, response)
 
 
 def sac(folder: Path, a: np.ndarray) -> list[Path]:
     paths = []
-    for letter, series, azimuth, inclination in (
-        ("E", a[:, 0], 90, 90),
-        ("N", a[:, 1], 0, 90),
-        ("Z", a[:, 2], 0, 0),
-    ):
+    for letter, series, azimuth, inclination in zip("ENZ", a.T, (90, 0, 0), (90, 90, 0), strict=True):
         header = {"network": "XX", "station": "TST", "channel": f"HN{letter}", "delta": STEP_S}
         trace = obspy.Trace(series.astype(np.float32), header)
         trace.stats.sac = {"cmpaz": azimuth, "cmpinc": inclination, "idep": 8}
         path = folder / f"XX.TST.HN{letter}.sac"
         trace.write(str(path), format="SAC")
         paths.append(path)
-    (folder / "table.csv").write_text(
-        "rec_id,h1,h2,v,unit\nS1,XX.TST.HNE.sac,XX.TST.HNN.sac,XX.TST.HNZ.sac,m/s2\n"
-    )
-    return paths
+    return tabled(paths, unit="m/s2")
 
 
 WRITERS = {
     "peer": peer,
-    "peer_old_header": lambda folder, a: peer(folder, a, old_style=True),
     "columns": columns,
     "one_column": one_column,
-    "four_columns": four_columns,
     "csmip_v1": csmip_v1,
     "pairs_v1": pairs_v1,
     "bhrc": bhrc,
@@ -495,7 +422,4 @@ WRITERS = {
     "knet": knet,
     "miniseed": miniseed,
     "sac": sac,
-    "csmip_v2_bare": csmip_v2_bare,
-    "columns_with_commas": columns_with_commas,
-    "miniseed_in_pieces": miniseed_in_pieces,
 }

@@ -16,9 +16,10 @@ _BETWEEN = {0.05: (0, 0, 0.0), 0.16: (0, 1, 0.3), 0.5: (1, 2, 2 / 3), 0.84: (2, 
 """Branches between which a fractile lies, and how far: the weights add up to 0.1, 0.3, 0.6 and 1."""
 
 
-def openquake_curves(path: Path, kind: str, imt: str, levels, rows, years: float = 50.0) -> Path:
-    """OpenQuake's curves; rows are of a name, a place and probabilities."""
+def openquake_curves(path: Path, kind: str, imt: str, levels, rows, years: float = 50.0, **stated) -> Path:
+    """OpenQuake's curves; rows are of a name, a place and probabilities, and more is stated in the first line."""
     head = f"generated_by='OpenQuake engine 3.20', kind='{kind}', investigation_time={years}, imt='{imt}'"
+    head += "".join(f", {name}={value}" for name, value in stated.items())
     lines = [f'#,,,,"{head}"', "custom_site_id,lon,lat,depth," + ",".join(f"poe-{x:.7f}" for x in levels)]
     lines += [
         f"{name},{east},{north},0.0," + ",".join(f"{p:.6E}" for p in poes)
@@ -102,3 +103,19 @@ def nshmp_output(folder: Path, value_format: str) -> Path:
         nshmp_curves(folder / "PGA" / (f"{name}.csv" if name == "curves" else f"{name}/curves.csv"), values)
     (folder / "config.json").write_text(json.dumps({"hazard": {"valueFormat": value_format}}))
     return folder
+
+
+def service_answer(new: bool, label: str | None) -> dict:
+    """The web service's answer for one site, as it was until 2021 and as it is since."""
+    about = {"longitude": -118.1, "latitude": 34.2, **({"ylabel": label} if label else {})}
+    levels, rates = [0.1, 0.2], {"Total": [1e-2, 1e-3], "Fault": [7e-3, 6e-4]}
+    if new:
+        data = [{"component": name, "values": {"xs": levels, "ys": ys}} for name, ys in rates.items()]
+        curves = [{"imt": {"value": imt, "display": "?"}, "data": data} for imt in ("PGA", "SA0P2")]
+        return {"request": about, "response": {"metadata": {"model": "CONUS_2018"}, "hazardCurves": curves}}
+    data = [{"component": name, "yvalues": ys} for name, ys in rates.items()]
+    return {
+        "response": [
+            {"metadata": {**about, "imt": imt, "xvalues": levels}, "data": data} for imt in ("PGA", "SA0P2")
+        ]
+    }

@@ -13,6 +13,7 @@ import pye57
 import pyproj
 import trimesh
 from cloud_samples import las, ptx
+from hazard_samples import NSHMP_RATES, nshmp_curves, openquake_curves, realisations, service_answer
 from motion_samples import STEP_S, WRITERS, shaking
 from scipy.spatial.transform import Rotation
 
@@ -250,32 +251,18 @@ def _read_curves(folder: Path) -> Any:
 
 
 HAZARD = "pga_m_s2,annual_rate\n0.5,1e-2\n1.0,3e-3\n2.0,5e-4\n4.0,1e-5\n"
-OPENQUAKE = (
-    "#,,,,,\"generated_by='OpenQuake engine', investigation_time=50.0, imt='PGA'\"\n"
-    "lon,lat,depth,poe-0.0500000,poe-0.1000000,poe-0.2000000,poe-0.4000000\n"
-    "-118.1,34.2,0.0,3.9E-01,1.4E-01,2.4E-02,4.9E-04\n"
-)
-
-
-REALISATION = OPENQUAKE.replace("imt=", "kind='rlz-000', imt=")
-REALISATIONS = "#,,\"generated_by='OpenQuake engine'\"\nrlz_id,branch_path,weight\n0,A~A,1.0000000e+00\n"
-NSHMP = "name,lon,lat,0.05,0.1,0.2\nrock,-118.1,34.2,1.0E-02,3.0E-03,1.0E-04\n"
 CYBERSHAKE = "# Curves: 1\n# Name: CS Run 9306\n1.0E-4\t0.097\n1.0E-2\t0.05\n1.0E-1\t0.004\n1.0\t0.0\n"
-SERVICE = json.dumps({
-    "response": [{
-        "metadata": {"imt": {"value": "PGA"}, "longitude": -118.1, "latitude": 34.2, "xvalues": [0.1, 0.2],
-                     "ylabel": "Annual Frequency of Exceedence"},
-        "data": [{"component": "Total", "yvalues": [1e-2, 1e-3]}, {"component": "Fault", "yvalues": [1e-3, 1e-4]}],
-    }]
-})  # fmt: skip
+SERVICE = json.dumps(service_answer(new=False, label="Annual Frequency of Exceedence"))
 
 
-def _written_all(**texts: str) -> Callable[[Path], None]:
-    def write(folder: Path) -> None:
-        for name, text in texts.items():
-            (folder / name.replace("__", ".")).write_text(text)
+def _write_openquake(folder: Path, kind: str = "mean") -> None:
+    rows = [("rock", (-118.1, 34.2), (0.39, 0.14, 0.024, 0.00049))]
+    openquake_curves(folder / "site.csv", kind, "PGA", (0.05, 0.1, 0.2, 0.4), rows)
 
-    return write
+
+def _write_realisations(folder: Path) -> None:
+    realisations(folder, [1.0])
+    _write_openquake(folder, "rlz-000")
 
 
 def _read_hazard(path: Path, hints: Hints | None = None) -> Any:
@@ -400,16 +387,15 @@ READERS: dict[str, Reader] = {
         f"curves{suffix}": Reader(_write_curves(suffix), _read_curves) for suffix in (".xml", ".csv", ".json")
     },
     "hazard": _of_file("site.csv", HAZARD, _read_hazard),
-    "hazard of OpenQuake": _of_file("site.csv", OPENQUAKE, _read_hazard),
-    "hazard of nshmp-haz": _of_file(
-        "total.csv", NSHMP, lambda path: _read_hazard(path, Hints(measure="pga_m_s2", years=0.0))
+    "hazard of OpenQuake": Reader(_write_openquake, lambda folder: _read_hazard(folder / "site.csv")),
+    "hazard of nshmp-haz": Reader(
+        lambda folder: nshmp_curves(folder / "total.csv", NSHMP_RATES["curves"]),
+        lambda folder: _read_hazard(folder / "total.csv", Hints(measure="pga_m_s2", years=0.0)),
     ),
     "hazard of CyberShake": _of_file(
         "USC_ERF36_Run9306_SA_3sec_RotD50_2022_12_21.txt", CYBERSHAKE, _read_hazard
     ),
     "hazard of the web service": _of_file("answer.json", SERVICE, _read_hazard),
-    "hazard's realisations": Reader(
-        _written_all(realizations__csv=REALISATIONS, curve__csv=REALISATION), _read_hazard
-    ),
+    "hazard's realisations": Reader(_write_realisations, _read_hazard),
     "ages": _of_file("ages.csv", "years,weight\n15000,1\n20000,2\n", lambda path: parse_age(str(path))),
 }

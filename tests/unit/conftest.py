@@ -60,3 +60,11 @@ def of_fsspec():
     register_implementation("toy", Toy, clobber=True)
     kinds.cache_clear()
     return "toy://folder/run"
+
+
+@pytest.fixture(params=["s3", "of_fsspec"])
+def address(request):
+    """A folder in a store whose puts have conditions, and in one with renaming."""
+    if request.param == "of_fsspec":
+        return request.getfixturevalue("of_fsspec")
+    return f"s3://{request.getfixturevalue('bucket')}/{request.getfixturevalue('tmp_path').name}/run"

@@ -12,14 +12,6 @@ from toppling.models.files import stores as module
 from toppling.models.files.stores import CLAIM, Copy, Store
 
 
-@pytest.fixture(params=["s3", "of_fsspec"])
-def address(request):
-    """A folder in a store whose puts have conditions, and in one with renaming."""
-    if request.param == "of_fsspec":
-        return request.getfixturevalue("of_fsspec")
-    return f"s3://{request.getfixturevalue('bucket')}/{request.getfixturevalue('tmp_path').name}/run"
-
-
 @pytest.fixture(autouse=True)
 def quick(monkeypatch):
     monkeypatch.setattr(module, "_PAUSE_S", 0.05)

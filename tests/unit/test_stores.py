@@ -7,9 +7,8 @@ from toppling.models.files.stores import Copy, Store, address_of, at_hand, azure
 
 
 @pytest.fixture
-def two_machines(bucket, tmp_path, request):
+def two_machines(address, tmp_path):
     """Copies of one folder in a store, as two machines have them."""
-    address = f"s3://{bucket}/{request.node.name}/run"
     return [Copy(address, tmp_path / machine / "run") for machine in ("first", "second")]
 
 
@@ -63,9 +62,9 @@ def test_what_is_not_carried_yet_outlives_a_pull(two_machines):
     assert content(first) == content(again)
 
 
-def test_a_rock_of_a_run_in_a_store_lies_in_the_copy_of_the_run(two_machines, monkeypatch, tmp_path):
+def test_a_rock_of_a_run_in_a_store_lies_in_the_copy_of_the_run(bucket, monkeypatch, tmp_path):
     monkeypatch.setenv("TOPPLING_CACHE", str(tmp_path / "cache"))
-    first, _ = two_machines
+    first = Copy(f"s3://{bucket}/rock/run", tmp_path / "first" / "run")
     write(first, **{"run.json": "{}", "scenes__a__scene.json": "{}", "results.parquet": "rows"})
     first.push()
     place = at_hand(f"{first.address}/scenes/a")
@@ -99,21 +98,6 @@ def test_a_bucket_that_is_not_there_is_told(bucket, tmp_path):
     (tmp_path / "run" / "run.json").write_text("{}")
     with refused("store.no_answer"):
         copy.push()
-
-
-def test_a_store_of_another_kind_carries_a_run_and_has_one_writer(of_fsspec, tmp_path):
-    first, second = (Copy(of_fsspec, tmp_path / machine / "run") for machine in ("first", "second"))
-    second.pull()
-    assert not second.path.exists()
-    write(first, **{"run.json": "{}", "parts__a": "rows", "parts__b": "rows"})
-    with first.kept_up() as check:
-        check()
-        with refused("store.written_by_another"):
-            second.kept_up().__enter__()
-        write(first, **{"run.json": "{1}", "results.parquet": "all rows"})
-        (first.path / "parts" / "b").unlink()
-    with second.kept_up():
-        assert content(second) == content(first)
 
 
 def test_a_connection_string_of_azure_names_account_key_and_server():

@@ -1,5 +1,7 @@
 """A record is the ground's motion unless its file states that its sensor is below the ground or in a structure."""
 
+import re
+
 import numpy as np
 import obspy
 import pyarrow.parquet as pq
@@ -12,10 +14,13 @@ from toppling.models.motions.ensemble import CATALOG, MOTIONS, Ensemble
 from toppling.models.motions.place import BOREHOLE, FREE_FIELD, Place, at_depth, place_in_name, place_in_words
 
 
-def edited(folder, name, change):
-    """Files of a format with their text changed."""
+def edited(folder, name, changes):
+    """Files of a format with their text changed: patterns, and what takes their place."""
     for path in WRITERS[name](folder, shaking()):
-        path.write_text(change(path.read_text()))
+        text = path.read_text()
+        for pattern, new in changes:
+            text = re.sub(pattern, new, text)
+        path.write_text(text)
     return folder
 
 
@@ -77,14 +82,10 @@ def kik_net(folder, places=("1", "2")):
     heights, directions = {"1": 502.5, "2": 720}, {"1": "123", "2": "456"}
     for place in places:
         for path in WRITERS["knet"](folder, shaking(seed=int(place))):
-            text = path.read_text()
+            text = re.sub(r"Station Height\(m\).*", f"Station Height(m) {heights[place]}", path.read_text())
             for letters, number in zip(("N-S", "E-W", "U-D"), directions[place], strict=True):
                 text = text.replace(letters, number)
-            lines = [
-                f"Station Height(m) {heights[place]}" if line.startswith("Station Height") else line
-                for line in text.splitlines()
-            ]
-            path.write_text("\n".join(lines) + "\n")
+            path.write_text(text)
             path.rename(path.with_suffix(path.suffix + place))
     return folder
 
@@ -106,42 +107,25 @@ def test_a_kik_net_borehole_without_its_surface_is_left_out_all_the_same(tmp_pat
 
 def of_smc(integers):
     """Integers of the header, by their number."""
-
-    def stated(text):
-        lines = text.split("\n")
-        for place, value in integers.items():
-            row, column = 11 + place // 8, 10 * (place % 8)
-            lines[row] = f"{lines[row][:column]}{value:10d}{lines[row][column + 10 :]}"
-        return "\n".join(lines)
-
-    return "smc", stated
+    return "smc", [
+        (rf"\A((?:.*\n){{{11 + n // 8}}}.{{{10 * (n % 8)}}}).{{10}}", rf"\g<1>{value:10d}")
+        for n, value in integers.items()
+    ]
 
 
 def of_cosmos(kind, location):
     """The type of the station, and the sensor's location."""
-
-    def stated(text):
-        lines = text.split("\n")
-        for n, line in enumerate(lines):
-            if line.startswith("Sta Chan"):
-                lines[n] = f"{line} Location:{location}"
-            if "Integer-header" in line:
-                lines[n + 2] = f"{lines[n + 2][:64]}{kind:8d}{lines[n + 2][72:]}"
-        return "\n".join(lines)
-
-    return "cosmos_v2", stated
+    of_type = (r"(Integer-header.*\n.*\n.{64}).{8}", rf"\g<1>{kind:8d}")
+    return "cosmos_v2", [("(Sta Chan.*)", rf"\1 Location:{location}"), of_type]
 
 
 def of_csmip(behind):
     """What stands behind the direction of a channel."""
-    return "csmip_v1", lambda text: "\n".join(
-        line.split("(")[0].rstrip() + behind if line.lower().startswith("chan") else line
-        for line in text.split("\n")
-    )
+    return "csmip_v1", [(r"(?m)^(CHAN [^(\n]*?) *(\(.*)?$", rf"\1{behind}")]
 
 
 def instead(name, old, new):
-    return name, lambda text: text.replace(old, new) if old else new + text
+    return name, [(old or r"\A", new)]
 
 
 ROOF, FLOOR_5 = "sensor on the roof of a building", "sensor on floor 5 of a building"

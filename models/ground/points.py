@@ -91,7 +91,10 @@ class ContactModel:
 
     def gaps_m(self, pose: Array) -> Array:
         """Clearance over the plane, negative where a point has sunk in: (n,) in a pose (7,), (n, m) in poses (m, 7)."""
-        return np.asarray(pose.T[2] + self.points_body_m @ _normals_body(pose[..., 3:]))
+        # Not by BLAS, whose threads would go on to spin for longer than a shake lasts.
+        return np.asarray(
+            pose.T[2] + np.einsum("ij,j...->i...", self.points_body_m, _normals_body(pose[..., 3:]))
+        )
 
     def touching(self, pose: Array) -> Array:
         """A pose (7,) shifted along the interface's normal to where its lowest point touches."""

@@ -107,9 +107,10 @@ def checked_shake(monkeypatch, rock_shift_m=0.0, end_shift_m=0.0):
     scene, motion = Scene.block(0.2, 0.25, 0.6), noise(np.random.default_rng(3), G)
     carried_out = checked_steps.carried_out
 
-    def otherwise(contact, start, end, step_s):
-        moved = dataclasses.replace(contact, points_body_m=contact.points_body_m + rock_shift_m)
-        return carried_out(moved, start, end + end_shift_m * np.eye(7)[0], step_s)
+    def otherwise(model, start, end, step_s):
+        if rock_shift_m:
+            model = dataclasses.replace(model, points_body_m=model.points_body_m + rock_shift_m)
+        return carried_out(model, start, end + end_shift_m * np.eye(7)[0], step_s)
 
     monkeypatch.setattr(checked_steps, "carried_out", otherwise)
     return shake(scene, motion, dataclasses.replace(PRESETS["fast"], checked_steps=1.0))
@@ -125,6 +126,31 @@ def test_a_step_that_the_engine_takes_otherwise_is_an_error_of_the_job(monkeypat
 def test_a_gap_that_the_engine_finds_otherwise_is_an_error_of_the_job(monkeypatch):
     with pytest.raises(StepCheckError) as error:
         checked_shake(monkeypatch, rock_shift_m=1e-3)
+    assert error.value.allowed == checked_steps.GAP_ALLOWED
+
+
+def over_ridges():
+    """A block over a mesh of two slopes, which has it stand in the groove between them."""
+    x = np.array([-2.0, 0.0, 2.0])
+    vertices = np.array([(a, b, 0.1 * abs(a)) for a in x for b in x])
+    faces = np.array(
+        [(k, k + 3, k + 1) for k in (0, 1, 3, 4)] + [(k + 1, k + 3, k + 4) for k in (0, 1, 3, 4)]
+    )
+    block = Scene.block(0.3, 0.25, 0.8).rock
+    return Scene.from_mesh(
+        (block.vertices_m + np.array([0.0, 0.0, 0.015 + 1e-6]), block.faces), pedestal=(vertices, faces)
+    )
+
+
+def test_the_engine_repeats_the_steps_on_a_coarse_mesh_and_finds_their_gaps(monkeypatch):
+    result = shake(over_ridges(), noise(np.random.default_rng(3), 0.8 * G), "standard")
+    assert result.engine_steps > 0.9 * result.steps > 500
+    carried_out, body = checked_steps.carried_out, over_ridges().grounded
+    lower = body.ground._replace(vertices_m=body.ground.vertices_m - np.array([0.0, 0.0, 1e-3]))
+    moved = dataclasses.replace(body, ground=lower)
+    monkeypatch.setattr(checked_steps, "carried_out", lambda _, *steps: carried_out(moved, *steps))
+    with pytest.raises(StepCheckError) as error:
+        shake(over_ridges(), noise(np.random.default_rng(3), 0.8 * G), "standard")
     assert error.value.allowed == checked_steps.GAP_ALLOWED
 
 

@@ -212,7 +212,8 @@ def test_shakes_leave_no_array_of_compiled_code_behind():
         shake(scene.with_contact(friction), motion, preset)
     after = rtsys.get_allocation_stats()
     assert after.mi_alloc > before.mi_alloc  # it slips, which is solved with arrays made on the way
-    assert after.mi_alloc - before.mi_alloc == after.mi_free - before.mi_free
+    # What a shake before had left to a cache may be freed too.
+    assert after.mi_alloc - before.mi_alloc <= after.mi_free - before.mi_free
 
 
 def test_what_a_shake_needs_is_compiled_once(tmp_path, monkeypatch):

@@ -1,8 +1,7 @@
 """The program's steps, which PyBullet carries out and whose contacts it finds for itself: all of them, or a share.
 
 A step takes the rock from one pose to the next. PyBullet is given the first of them and the velocity that leads to the
-other, and must come there; the gap that it finds between the rock's hull and the plane must be ours too. It has the
-rock higher, so that its own solver never brakes it.
+other, and must come there; the gap that it finds between the hull of the rock and its ground must be ours too.
 """
 
 from __future__ import annotations
@@ -12,15 +11,19 @@ import os
 import zlib
 from collections import OrderedDict
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+import trimesh
 from scipy.spatial.transform import Rotation
 
-from toppling.models.compiled import Array, Flags, compiled
+from toppling.models.compiled import Array, Flags, Indices, compiled
+from toppling.models.ground.body import GroundedBody
 from toppling.models.ground.plane import is_over_plane
 from toppling.models.ground.points import ContactModel
 from toppling.models.ground.stepping import Grounded
 from toppling.models.ground.vectors import rotation_of
+from toppling.models.kept import kept
 from toppling.models.terminal import standard_error_to
 from toppling.workers.engines.protocol import StepCheckError, Steps
 from toppling.workers.problem import Problem
@@ -35,14 +38,20 @@ ALLOWED = 1e-9
 GAP_ALLOWED = 2.0 * math.sqrt(3.0) / 10216
 """Of R: by which the least gap may differ. PyBullet keeps a hull's corners to 1/10216 of its extent along each axis."""
 
-_RAISED, _NEAR = 0.05, 0.1
-"""Of R: by how much PyBullet has the rock higher, and gaps up to which it looks for contacts."""
+_NEAR = 0.05
+"""Of R: gaps up to which both look for contacts."""
 
 _ABOVE = 1e-4
 """Of the way from the points' middle to the centre of mass."""
 
 _DISTANCE = 8
-"""Field of a contact that `getContactPoints` returns: its gap, m."""
+"""Field of a contact that `getClosestPoints` returns: its gap, m."""
+
+_FINEST = 20_000
+"""Corners of a convex rock times triangles of its ground: with more, a step would take PyBullet above .1 ms."""
+
+_GROUND, _ROCK = 0, 1
+"""Bodies of a world."""
 
 _MOST_WORLDS = 8
 """Worlds that a process keeps, as many as a worker keeps scenes; the least recently used one is rebuilt."""
@@ -50,12 +59,22 @@ _MOST_WORLDS = 8
 _SPIN_ROUNDS = 20
 """Rounds of the fixed point that finds the spin before a step; each gains a factor of about 1 / (step x spin)."""
 
-_WORLDS: OrderedDict[int, tuple[ContactModel, int, int]] = OrderedDict()
-"""Contact model, client and rock's body of each world, by the identity of the model."""
+
+class _World(NamedTuple):
+    """A world of PyBullet, in which a rock does not collide: contacts are asked for, and brake nothing."""
+
+    model: ContactModel | GroundedBody
+    client: int
+    inertia_m2: Array
+    near_m: float
+
+
+_WORLDS: OrderedDict[int, _World] = OrderedDict()
+"""Worlds by the identity of what they model, which is kept there so that its identity stays its own."""
 
 
 class CheckedSteps:
-    """Takes the steps of one shake, and has PyBullet repeat those over the plane.
+    """Takes the steps of one shake, and has PyBullet repeat those over the plane, and over coarse meshes.
 
     Raises
     ------
@@ -66,14 +85,13 @@ class CheckedSteps:
     def __init__(self, problem: Problem) -> None:
         self._problem = problem
         self._random = np.random.default_rng(zlib.crc32(problem.motion.acceleration_m_s2.tobytes()))
-        # On a rounded base or a mesh PyBullet's hull touches elsewhere than our surfaces.
-        self._checks = not problem.rolls and problem.scene.ground.is_plane
 
     def __call__(self, sim: Grounded, block: int, watch: Watch) -> int:
         """Go on by blocks of so many steps, as :func:`toppling.workers.stepping.take_steps`."""
         begin = sim.counts[1]
         since = int(take_steps(sim, block, watch))
-        if self._checks and sim.counts[1] > begin:
+        # A smooth base or dome touches elsewhere than the hull of its triangles.
+        if not self._problem.rolls and sim.counts[1] > begin:
             self._repeat(sim, begin, sim.counts[1])
         return since
 
@@ -85,20 +103,45 @@ class CheckedSteps:
             self._random.random(end - begin) < self._problem.options.checked_steps
         )
         which = np.flatnonzero(drawn)
-        which = which[_over_plane(sim, pose[which])]
+        over_plane = _over_plane(sim, pose[which])
+        self._compare(sim, self._problem.contact, pose, time_s, which[over_plane])
+        if not over_plane.all() and _is_coarse(body := self._problem.scene.grounded):
+            self._compare(sim, body, pose, time_s, which[~over_plane])
+
+    @staticmethod
+    def _compare(
+        sim: Grounded, model: ContactModel | GroundedBody, pose: Array, time_s: Array, which: Indices
+    ) -> None:
+        """Let PyBullet take the steps from some of the poses, and compare where it comes and what it finds."""
         if len(which) == 0:
             return
         sim.counts[5] += len(which)
         start, reached = pose[which], pose[which + 1]
-        there, gap_m = carried_out(self._problem.contact, start, reached, sim.step_s)
+        there, gap_m = carried_out(model, start, reached, sim.step_s)
         unlike = _difference(there, reached, sim.size_m).max(axis=1)
-        seen_m = (_NEAR - _RAISED) * sim.size_m
-        least_m = self._problem.contact.gaps_m(start).min(axis=0)
-        gap_off = np.abs(gap_m.clip(max=seen_m) - least_m.clip(max=seen_m)) / sim.size_m
+        least_m = _least_gaps_m(model, start, _NEAR * sim.size_m)
+        gap_off = np.abs(gap_m - least_m) / sim.size_m
         for off, allowed in ((unlike, ALLOWED), (gap_off, GAP_ALLOWED)):
             if not (off <= allowed).all():
                 first = int(np.argmin(off <= allowed))
                 raise StepCheckError(float(time_s[which[first]]), float(off[first]), allowed)
+
+
+@kept
+def _is_coarse(body: GroundedBody) -> bool:
+    """Whether PyBullet can repeat steps over a mesh: the rock is its hull, and what it touches is what is meshed."""
+    return (
+        not (body.rolls_on_facets or body.rolls_on_dome)
+        and len(body.rock.vertices_m) * len(body.ground.faces) <= _FINEST
+        and bool(trimesh.Trimesh(body.rock.vertices_m, body.rock.faces, process=False).is_convex)
+    )
+
+
+def _least_gaps_m(model: ContactModel | GroundedBody, poses: Array, near_m: float) -> Array:
+    """Least gap (n,) in each of some poses, or how near one is looked for."""
+    if isinstance(model, ContactModel):
+        return np.minimum(model.gaps_m(poses).min(axis=0), near_m)
+    return np.array([model.contacts(pose, near_m)["gap_m"].min(initial=near_m) for pose in poses])
 
 
 @compiled(allocates=True)
@@ -117,7 +160,9 @@ def _difference(pose: Array, other: Array, size_m: float) -> Array:
     return np.abs(np.hstack([(pose[:, :3] - other[:, :3]) / size_m, turn.as_rotvec()]))
 
 
-def carried_out(contact: ContactModel, start: Array, end: Array, step_s: float) -> tuple[Array, Array]:
+def carried_out(
+    model: ContactModel | GroundedBody, start: Array, end: Array, step_s: float
+) -> tuple[Array, Array]:
     """Let PyBullet take a rock from some poses (n, 7) to others in one step each.
 
     Returns
@@ -125,25 +170,22 @@ def carried_out(contact: ContactModel, start: Array, end: Array, step_s: float) 
     (n, 7) array, (n,) array
         The poses to which it comes, and the least gap that it finds in the first ones, m.
     """
-    client, rock = _world_of(contact)
+    _, client, inertia_m2, near_m = _world_of(model)
     pybullet.setPhysicsEngineParameter(fixedTimeStep=step_s, physicsClientId=client)
-    raised_m = _RAISED * contact.half_diagonal_m
     before, after = Rotation.from_quat(start[:, 3:]), Rotation.from_quat(end[:, 3:])
     spin = (after * before.inv()).as_rotvec() / step_s
-    spin = before.apply(_spin_before(before.inv().apply(spin), contact.principal_inertia_m2, step_s))
-    place, attitude = (start[:, :3] + (0.0, 0.0, raised_m)).tolist(), start[:, 3:].tolist()
+    spin = before.apply(_spin_before(before.inv().apply(spin), inertia_m2, step_s))
+    place, attitude = start[:, :3].tolist(), start[:, 3:].tolist()
     speed, spins = ((end[:, :3] - start[:, :3]) / step_s).tolist(), spin.tolist()
     there, gap_m = [], []
     for k in range(len(place)):
-        pybullet.resetBasePositionAndOrientation(rock, place[k], attitude[k], client)
-        pybullet.resetBaseVelocity(rock, speed[k], spins[k], client)
+        pybullet.resetBasePositionAndOrientation(_ROCK, place[k], attitude[k], client)
+        found = pybullet.getClosestPoints(_ROCK, _GROUND, near_m, physicsClientId=client)
+        gap_m.append(min((one[_DISTANCE] for one in found), default=near_m))
+        pybullet.resetBaseVelocity(_ROCK, speed[k], spins[k], client)
         pybullet.stepSimulation(client)
-        there.append(pybullet.getBasePositionAndOrientation(rock, client))
-        found = pybullet.getContactPoints(rock, physicsClientId=client)
-        gap_m.append(min((one[_DISTANCE] for one in found), default=_NEAR * contact.half_diagonal_m))
-    reached = np.array([(*at, *turn) for at, turn in there])
-    reached[:, 2] -= raised_m
-    return reached, np.array(gap_m) - raised_m
+        there.append(pybullet.getBasePositionAndOrientation(_ROCK, client))
+    return np.array([(*at, *turn) for at, turn in there]), np.array(gap_m)
 
 
 def _spin_before(spin_rad_s: Array, inertia_m2: Array, step_s: float) -> Array:
@@ -158,50 +200,49 @@ def _spin_before(spin_rad_s: Array, inertia_m2: Array, step_s: float) -> Array:
     return before
 
 
-def _world_of(contact: ContactModel) -> tuple[int, int]:
-    """Client and body of a world with the hull of a rock's contact points over a plane."""
-    key = id(contact)  # the model is kept beside its world, so that its identity stays its own
+def _world_of(model: ContactModel | GroundedBody) -> _World:
+    """World with the hull of a rock and its ground."""
+    key = id(model)
     if key not in _WORLDS:
         is_full = len(_WORLDS) == _MOST_WORLDS
-        client = _WORLDS.popitem(last=False)[1][1] if is_full else pybullet.connect(pybullet.DIRECT)
-        _WORLDS[key] = contact, client, _build(client, contact)
+        client = _WORLDS.popitem(last=False)[1].client if is_full else pybullet.connect(pybullet.DIRECT)
+        _WORLDS[key] = _built(client, model)
     _WORLDS.move_to_end(key)
-    return _WORLDS[key][1:]
+    return _WORLDS[key]
 
 
-def _build(client: int, contact: ContactModel) -> int:
-    """Build a world; the rock's body."""
+def _built(client: int, model: ContactModel | GroundedBody) -> _World:
     pybullet.resetSimulation(physicsClientId=client)
-    pybullet.setPhysicsEngineParameter(
-        contactSlop=0.0,
-        deterministicOverlappingPairs=1,
-        contactBreakingThreshold=_NEAR,  # over the radius of its bounding sphere
-        physicsClientId=client,
-    )
-    # With a place just above their middle, the points of one plane have a hull too.
-    points_m = contact.points_body_m
-    corners = [*points_m.tolist(), ((1.0 - _ABOVE) * points_m.mean(axis=0)).tolist()]
-    hull = pybullet.createCollisionShape(pybullet.GEOM_MESH, vertices=corners, physicsClientId=client)
-    rock = pybullet.createMultiBody(1.0, hull, physicsClientId=client)
-    plane = pybullet.createCollisionShape(
-        pybullet.GEOM_PLANE, planeNormal=[0.0, 0.0, 1.0], physicsClientId=client
-    )
-    ground = pybullet.createMultiBody(0.0, plane, physicsClientId=client)
-    for body in (rock, ground):
-        pybullet.changeDynamics(
-            body, -1, lateralFriction=0.0, restitution=0.0, collisionMargin=0.0, physicsClientId=client
-        )
+    if isinstance(model, ContactModel):
+        inertia_m2, size_m, points_m = model.principal_inertia_m2, model.half_diagonal_m, model.points_body_m
+        # With a place just above their middle, the points of one plane have a hull too.
+        corners_m = np.vstack([points_m, (1.0 - _ABOVE) * points_m.mean(axis=0)])
+        ground = {"shapeType": pybullet.GEOM_PLANE, "planeNormal": [0.0, 0.0, 1.0]}
+    else:
+        inertia_m2, size_m, corners_m = model.inertia_m2, model.size_m, model.rock.vertices_m
+        ground = {
+            "shapeType": pybullet.GEOM_MESH,
+            "vertices": model.ground.vertices_m.tolist(),
+            "indices": model.ground.faces.ravel().tolist(),
+            "flags": pybullet.GEOM_FORCE_CONCAVE_TRIMESH,
+        }
+    hull = {"shapeType": pybullet.GEOM_MESH, "vertices": corners_m.tolist()}
+    for body, (mass_kg, shape) in enumerate(((0.0, ground), (1.0, hull))):
+        made = pybullet.createCollisionShape(**shape, physicsClientId=client)
+        assert pybullet.createMultiBody(mass_kg, made, physicsClientId=client) == body
+        pybullet.changeDynamics(body, -1, collisionMargin=0.0, physicsClientId=client)
+    pybullet.setCollisionFilterGroupMask(_ROCK, -1, 0, 0, client)
     pybullet.changeDynamics(
-        rock,
+        _ROCK,
         -1,
-        localInertiaDiagonal=contact.principal_inertia_m2.tolist(),
+        localInertiaDiagonal=inertia_m2.tolist(),
         linearDamping=0.0,
         angularDamping=0.0,
         maxJointVelocity=1e9,
         activationState=pybullet.ACTIVATION_STATE_DISABLE_SLEEPING,
         physicsClientId=client,
     )
-    return int(rock)
+    return _World(model, client, inertia_m2, _NEAR * size_m)
 
 
 def steps(problem: Problem) -> Steps:

@@ -192,11 +192,18 @@ def height_below(places_m: Array, vertices_m: Array, faces: NDArray[np.int64], *
     (n,) array
         NaN where there is no triangle.
     """
-    corners = vertices_m[faces]
+    if len(places_m) == 0:
+        return np.zeros(0)
+    x, y = vertices_m[:, 0], vertices_m[:, 1]
+    size_m = np.array([x.max() - x.min(), y.max() - y.min()])
+    low, high = places_m.min(axis=0) - _ROUNDING * size_m, places_m.max(axis=0) + _ROUNDING * size_m
+    # A bit for each side of the places on which a vertex lies: a triangle with all on one side is below none.
+    sides = ((x < low[0]) + 2 * (x > high[0]) + 4 * (y < low[1]) + 8 * (y > high[1])).astype(np.uint8)[faces]
+    corners = vertices_m[faces[(sides[:, 0] & sides[:, 1] & sides[:, 2]) == 0]]
     flat = corners[:, :, :2]
     edge1, edge2 = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
     area = edge1[:, 0] * edge2[:, 1] - edge1[:, 1] * edge2[:, 0]
-    upright = np.abs(area) < _ROUNDING * (np.ptp(vertices_m[:, :2], axis=0) ** 2).sum()
+    upright = np.abs(area) < _ROUNDING * (size_m**2).sum()
     corners, flat, edge1, edge2, area = (a[~upright] for a in (corners, flat, edge1, edge2, area))
     rise1, rise2 = corners[:, 1, 2] - corners[:, 0, 2], corners[:, 2, 2] - corners[:, 0, 2]
     height = np.full(len(places_m), -np.inf if highest else np.inf)
@@ -234,6 +241,8 @@ def _circles(triangles: Array, tree: cKDTree) -> tuple[NDArray[np.int64], Array,
             & (tree.query_ball_point(middle, radius, return_length=True) > _MANY_POINTS)
         )
         done.append((owner[~cut], middle[~cut], radius[~cut]))
+        if not cut.any():
+            break
         longest = np.linalg.norm(sides[cut], axis=2).argmax(axis=1)
         one, other, third = (
             np.take_along_axis(triangles[cut], ((longest + k) % 3)[:, None, None], 1)[:, 0] for k in range(3)

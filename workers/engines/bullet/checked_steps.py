@@ -57,7 +57,7 @@ _MOST_WORLDS = 8
 """Worlds that a process keeps, as many as a worker keeps scenes; the least recently used one is rebuilt."""
 
 _SPIN_ROUNDS = 20
-"""Rounds of the fixed point that finds the spin before a step; each gains a factor of about 1 / (step x spin)."""
+"""Most rounds of the fixed point that finds the spin before a step; each gains a factor of about 1 / (step x spin)."""
 
 
 class _World(NamedTuple):
@@ -196,7 +196,9 @@ def _spin_before(spin_rad_s: Array, inertia_m2: Array, step_s: float) -> Array:
     turning = step_s * (inertia_m2[[1, 2, 0]] - inertia_m2[[2, 0, 1]]) / inertia_m2
     before = spin_rad_s
     for _ in range(_SPIN_ROUNDS):
-        before = spin_rad_s - turning * before[:, [1, 2, 0]] * before[:, [2, 0, 1]]
+        former, before = before, spin_rad_s - turning * before[:, [1, 2, 0]] * before[:, [2, 0, 1]]
+        if np.array_equal(former, before):
+            break
     return before
 
 

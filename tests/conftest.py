@@ -85,6 +85,26 @@ def empty_figures(drawn_alone):
     drawn_alone()
 
 
+@pytest.fixture(scope="module")
+def bucket():
+    """Name of a bucket on an S3 server on loopback."""
+    server = pytest.importorskip("moto.server").ThreadedMotoServer(
+        ip_address="127.0.0.1", port=0, verbose=False
+    )
+    server.start()
+    host, port = server.get_host_and_port()
+    variables = {
+        "AWS_ACCESS_KEY_ID": "a", "AWS_SECRET_ACCESS_KEY": "b", "AWS_DEFAULT_REGION": "us-east-1",
+        "AWS_ENDPOINT_URL": f"http://{host}:{port}",
+    }  # fmt: skip
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in variables.items():
+            patch.setenv(name, value)
+        pytest.importorskip("boto3").client("s3").create_bucket(Bucket="bucket")
+        yield "bucket"
+    server.stop()
+
+
 ROOT = Path(__file__).parents[1]
 ROOMS = ("models", "orchestrator", "results", "workers")
 

@@ -1,4 +1,4 @@
-"""What a test asserts of an error that a user's data cause: its code, and the values that it names."""
+"""What a test asserts of an error that a user's data cause: its code and the values that it names; and damage."""
 
 from contextlib import contextmanager
 
@@ -28,3 +28,10 @@ def left_out(outcome, code, *named):
     assert outcome.refusals
     for refusal in outcome.refusals:
         tells(str(refusal.reason), code, *named)
+
+
+def flip(path, at=None):
+    """Flip one bit of a file, in its middle unless told at which byte."""
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2 if at is None else at] ^= 1
+    path.write_bytes(content)

@@ -15,15 +15,3 @@ def sorted_answers(rows):
 
 def answers_of(folder):
     return sorted_answers(open_run(folder).table())
-
-
-def differences(rows, expected):
-    """What a person wants to read of rows that should be the same: job, column, found, expected."""
-    if len(rows) != len(expected):
-        return [("rows", len(rows), len(expected))]
-    return [
-        (there["job_id"], name, here[name], there[name])
-        for here, there in zip(rows, expected, strict=True)
-        for name in ANSWERS
-        if here[name] != there[name]
-    ]

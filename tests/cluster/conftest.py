@@ -88,20 +88,18 @@ def finished(planned, undisturbed, tmp_path):
 
 
 class Faults:
-    """What goes wrong in which job."""
+    """How long which job waits, s."""
 
     def __init__(self, path):
         self.path = path
 
-    def set(self, **kinds):
-        self.clear()
+    def set(self, **waits_s):
         hidden = self.path.with_name("hidden")  # a worker may read at any time
-        hidden.write_text(json.dumps(kinds))
+        hidden.write_text(json.dumps(waits_s))
         hidden.replace(self.path)
 
     def clear(self):
-        for left in self.path.parent.glob(f"{self.path.name}*"):
-            left.unlink()
+        self.path.unlink(missing_ok=True)
 
 
 @pytest.fixture(scope="session")

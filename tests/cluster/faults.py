@@ -1,4 +1,4 @@
-"""Loaded by workers in tests: jobs crash, hang, fail or wait as a file tells, or no worker lives to join."""
+"""Loaded by workers in tests: jobs wait as long as a file tells, or no worker lives to join."""
 
 import json
 import os
@@ -11,39 +11,13 @@ from toppling.orchestrator import task
 FAULTS_VARIABLE = "TOPPLING_TEST_FAULTS"
 STILLBORN_VARIABLE = "TOPPLING_TEST_STILLBORN"
 
-
-def _strike(job_id):
-    """Let a job's fault happen."""
-    control = Path(os.environ[FAULTS_VARIABLE])
-    if not control.exists():
-        return
-    faults = json.loads(control.read_text())
-    fault = faults.get(job_id) or faults.get("every")
-    if fault is None:
-        return
-    if "times" in fault:
-        progress = control.with_name(f"{control.name}.{job_id}")
-        with progress.open("a") as file:
-            file.write("x")
-        if progress.stat().st_size > fault["times"]:
-            return
-    if fault["kind"] == "segfault":
-        os.kill(os.getpid(), signal.SIGSEGV)
-    elif fault["kind"] == "freeze":
-        os.kill(os.getpid(), signal.SIGSTOP)
-    elif fault["kind"] == "hang":
-        time.sleep(10_000)
-    elif fault["kind"] == "raise":
-        1 / 0  # noqa: B018  (the exception is the point)
-    elif fault["kind"] == "wait":
-        time.sleep(fault["seconds"])
-
-
 if not hasattr(task, "genuine_run_job"):
     task.genuine_run_job = task.run_job
 
     def run_job(spec, assets):
-        _strike(spec.job_id)
+        control = Path(os.environ[FAULTS_VARIABLE])
+        waits_s = json.loads(control.read_text()) if control.exists() else {}
+        time.sleep(waits_s.get(spec.job_id, waits_s.get("every", 0.0)))
         return task.genuine_run_job(spec, assets)
 
     task.run_job = run_job

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from answers import answers_of
 from click.testing import CliRunner
-from struck_client import STRUCK_VARIABLE
+from waiting import wait_until
 
 from toppling.orchestrator.cli import cli
 from toppling.orchestrator.status import state_of
@@ -36,13 +36,6 @@ def within(*arguments):
         signal.signal(signal.SIGTERM, before)
 
 
-def wait_for(condition, seconds=120):
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.1)
-
-
 def parts(run):
     return list((run / "parts").glob("part-*.parquet"))
 
@@ -63,7 +56,7 @@ def stopped(inputs, run, stop):
     process = subprocess.Popen(
         command(inputs, run, "--workers", "2"), start_new_session=True, stderr=subprocess.PIPE, text=True
     )
-    wait_for(lambda: parts(run))
+    wait_until(lambda: parts(run))
     stop(process)
     _, told = process.communicate(timeout=60)
     return process.returncode, told
@@ -78,7 +71,7 @@ def stopped(inputs, run, stop):
     ids=["Ctrl-C, six times", "SIGTERM"],
 )
 def test_stopping_it_keeps_the_rows_and_says_how_to_go_on(inputs, planned, tmp_path, faults, stop):
-    faults.set(every={"kind": "wait", "seconds": 0.4})
+    faults.set(every=0.4)
     run = tmp_path / "run"
     code, told = stopped(inputs, run, stop)
     assert code == 130
@@ -89,38 +82,6 @@ def test_stopping_it_keeps_the_rows_and_says_how_to_go_on(inputs, planned, tmp_p
     state = state_of(run)
     assert state["state"] == "interrupted"
     assert 0 < state["stored"] < len(planned)
-
-
-ENDS_OF_A_RUN = [
-    "toppling.orchestrator.run:compact",  # all rows are there
-    "distributed:Future.__del__",  # a finalizer, which swallows what is raised
-    "distributed:Client.close",
-    "distributed:SpecCluster.close",
-    "toppling.orchestrator.worker_start:WorkerProcess.end",
-    "distributed.deploy.spec:SpecCluster.scale",  # within Dask's own loop
-    "tempfile:TemporaryDirectory.cleanup",
-    "toppling.orchestrator.run:note",
-    "toppling.orchestrator.status:state_of",  # what is said at the end
-]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("place", ENDS_OF_A_RUN)
-def test_stopping_it_at_any_step_of_its_end_says_one_line(inputs, tmp_path, place):
-    struck = [sys.executable, str(Path(__file__).with_name("struck_client.py"))]
-    process = subprocess.Popen(
-        [*struck, *command(inputs, "run", "--workers", "2")[1:]],
-        start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path,
-        env=os.environ | {STRUCK_VARIABLE: place, "TMPDIR": str(tmp_path)},
-    )  # fmt: skip
-    _, told = process.communicate(timeout=90)
-    *before, last = told.splitlines()
-    assert process.returncode == 130, told
-    assert last.startswith("stopped")
-    # But how far it is, and what it warns of itself on a busy machine.
-    assert [line for line in before if "jobs" not in line and not line.startswith("WARNING ")] == []
-    assert list(tmp_path.glob("toppling-session-*")) == []
-    assert state_of(tmp_path / "run")["state"] in ("interrupted", "complete")
 
 
 @pytest.mark.slow

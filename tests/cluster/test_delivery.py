@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 import pytest
@@ -16,6 +15,7 @@ from answers import answers_of
 from conftest import can_mount
 from distributed import Client
 from refusals import refused
+from waiting import wait_until
 
 from toppling.models.compiled import FOLDER
 from toppling.models.motions.ensemble import Ensemble
@@ -56,10 +56,7 @@ def running_scheduler(file, port=0):
         "dask_scheduler", "--host", "127.0.0.1", "--port", port, "--no-dashboard", "--scheduler-file", file
     )
     with running(command, env=bare_environment(), cwd="/") as process:
-        end = time.monotonic() + PATIENCE_S
-        while not file.exists():
-            assert time.monotonic() < end
-            time.sleep(0.05)
+        wait_until(file.exists, PATIENCE_S)
         yield process
 
 
@@ -116,12 +113,7 @@ def test_workers_that_see_none_of_the_clients_disk_give_the_same_rows(
     with contextlib.ExitStack() as stack:
         for cache in (*hosts, hosts[0]):  # three workers on two hosts
             stack.enter_context(worker(scheduler, hidden, cache))
-        cluster = existing(str(scheduler))
-
-        def watch(progress):
-            pass
-
-        progress = run(plan_of(campaign), tmp_path / "run", cluster, watch)
+        progress = run(plan_of(campaign), tmp_path / "run", existing(str(scheduler)), lambda progress: None)
     assert progress.deaths == 0
     assert answers_of(tmp_path / "run") == undisturbed
     for cache in hosts:

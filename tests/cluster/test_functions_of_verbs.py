@@ -1,4 +1,4 @@
-"""From Python: each verb's function gives what the verb prints or writes, on one small run."""
+"""From Python: what the guide does not show of each verb's function, on one small run."""
 
 import pytest
 from refusals import refused
@@ -13,24 +13,7 @@ def test_a_plan_has_the_jobs_of_the_run(inputs, whole):
     assert (len(ids), whole.session.done, whole.session.failed) == (72, 72, 0)
 
 
-def test_fragility_hands_back_its_files_and_fits(whole, tmp_path):
-    drawn = toppling.fragility(
-        whole.run, tmp_path, where="friction_static = 0.9", directions=4, fit=True, samples=20
-    )
-    assert len(drawn.jobs) == 36
-    assert drawn.files
-    assert all(path.is_relative_to(tmp_path) and path.exists() for path in drawn.files)
-    (fits,) = drawn.fits.values()
-    assert "pga_m_s2" in set(fits["measures"])
-
-
-def test_constrain_states_what_it_writes(whole, tmp_path):
-    stated = toppling.constrain(
-        [whole.folder], where="friction_static = 0.9", age=["20000"], measure="pga_m_s2"
-    )
-    assert "95 %" in stated.text
-    stated.write(tmp_path)
-    assert (tmp_path / stated.page).exists()
+def test_a_hazard_without_an_age_is_refused(whole):
     with refused("age.needed"):
         toppling.constrain([whole.folder], hazard=["curve.csv"])
 

@@ -100,7 +100,7 @@ def carry_out_while_they_come_and_go(campaign, folder, client, joining, leaves, 
 def test_workers_told_to_leave_cost_no_try_and_no_row(
     leaves, seconds, scheduler, campaign, undisturbed, faults, tmp_path
 ):
-    faults.set(every={"kind": "wait", "seconds": seconds})
+    faults.set(every=seconds)
     with Joining(scheduler.scheduler.address, tmp_path) as joining:
         progress, left = carry_out_while_they_come_and_go(
             campaign, tmp_path / "run", scheduler, joining, leaves, faults
@@ -120,7 +120,7 @@ def test_a_cluster_grows_while_there_is_work_shrinks_when_there_is_less_and_give
     monkeypatch.setattr(cluster_supervisor, "_WORTH_A_WORKER_S", 0.5)
     monkeypatch.setattr(cluster_supervisor, "_ADAPT_PAUSE_S", "300ms")
     slow = undisturbed[0]["job_id"]
-    faults.set(**{slow: {"kind": "wait", "seconds": 20.0}}, every={"kind": "wait", "seconds": 0.3})
+    faults.set(**{slow: 20.0}, every=0.3)
     sizes = []
     shaken = run(
         plan_of(campaign),

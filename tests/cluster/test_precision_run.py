@@ -37,6 +37,14 @@ def silent(progress):
     """Watch nothing."""
 
 
+def stop_after(jobs):
+    def watch(progress):
+        if progress.done > jobs:
+            raise StoppedError
+
+    return watch
+
+
 @pytest.fixture(scope="module")
 def asking(tmp_path_factory):
     """A campaign of 1,440 jobs of some hundredths of a second, few of which a statement needs."""
@@ -102,15 +110,8 @@ def test_the_measures_that_levels_are_chosen_by_are_those_imposed(whole, planned
 def test_a_run_that_is_stopped_and_whose_workers_die_goes_on_to_the_same_rows(
     asking, client, whole, tmp_path, faults
 ):
-    def stop_after(jobs):
-        def watch(progress):
-            if progress.done > jobs:
-                raise StoppedError
-
-        return watch
-
     folder = tmp_path / "run"
-    faults.set(every={"kind": "wait", "seconds": 0.05})
+    faults.set(every=0.05)
     for jobs in (10, 15):
         with pytest.raises(StoppedError):
             run(plan_of(asking), folder, nullcontext(client), stop_after(jobs))
@@ -136,16 +137,10 @@ def test_the_same_command_again_does_nothing_and_one_without_precision_goes_on_t
     assert (whole / "results.parquet").stat().st_mtime_ns == before
     stored = len(open_run(whole).table())
     with pytest.raises(StoppedError):
-        run(plan_of(dataclasses.replace(asking, precision=None)), whole, nullcontext(client), stop_at_once)
+        run(plan_of(dataclasses.replace(asking, precision=None)), whole, nullcontext(client), stop_after(0))
     state = state_of(whole)
     assert (state["state"], state["jobs"]) == ("interrupted", len(planned))
     assert state["stored"] >= stored
-
-
-def stop_at_once(progress):
-    """Stop as soon as there is a row more."""
-    if progress.done:
-        raise StoppedError
 
 
 def test_every_target_has_rounds_of_its_own(planned, tmp_path, monkeypatch):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from reference.idealised import ricker
-from refusals import refused
+from refusals import flip, refused
 
 from toppling import run
 from toppling.models.errors import InputError
@@ -122,11 +122,8 @@ def test_a_campaigns_weights_are_the_same_on_any_number_of_workers_and_as_constr
     assert state["stood"]["contacts"][0]["effective_bases"] == pytest.approx(1.117, abs=1e-3)
     # The folder repeats itself, and damaged weights stop it.
     toppling("run", one.path / "campaign.toml", "--out", one.path, "--no-estimate")
-    path = one.path / WEIGHTS_FILE
-    content = bytearray(path.read_bytes())
-    content[len(content) // 2] ^= 1
-    path.write_bytes(content)
-    with refused("file.damaged", path):
+    flip(one.path / WEIGHTS_FILE)
+    with refused("file.damaged", one.path / WEIGHTS_FILE):
         toppling("run", folder / "strong.toml", "--out", one.path, "--no-estimate")
 
 

@@ -1,27 +1,33 @@
-"""Real jobs on two real worker processes: the same rows whatever goes wrong."""
+"""Real jobs on two real worker processes: the same rows whatever goes wrong, and a run that audits itself."""
 
+import dataclasses
 import json
 import os
 import signal
 import threading
 import time
+from contextlib import nullcontext
 
 import dask
-import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from answers import answers_of
+from answers import answers_of, sorted_answers
+from click.testing import CliRunner
 from conftest import STILLBORN_VARIABLE
 from refusals import refused
 
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.scene import Scene
 from toppling.orchestrator.admission import check_workers
+from toppling.orchestrator.cli import cli
 from toppling.orchestrator.cluster import local
-from toppling.orchestrator.context import RunError
-from toppling.orchestrator.dispatch import Limits
-from toppling.orchestrator.plan import plan_of
+from toppling.orchestrator.context import RunError, RunProgress, Work
+from toppling.orchestrator.plan import plan, plan_of
 from toppling.orchestrator.run import run
 from toppling.orchestrator.status import state_of
+from toppling.orchestrator.studies.audit import Auditing, audit
 from toppling.orchestrator.task import RunKey, versions
+from toppling.results.reader import open_run
 
 
 def test_two_workers_give_the_rows_of_one_process_bit_for_bit(whole, undisturbed):
@@ -46,7 +52,7 @@ def test_a_run_that_is_stopped_goes_on_where_it_was_and_killed_workers_cost_it_n
         if progress.done >= 10:
             raise KeyboardInterrupt
 
-    faults.set(every={"kind": "wait", "seconds": 0.2})
+    faults.set(every=0.2)
     with pytest.raises(KeyboardInterrupt):
         carry_out(tmp_path / "run", stop_after_ten)
     stored = state_of(tmp_path / "run")["stored"]
@@ -71,22 +77,6 @@ def test_a_run_that_is_stopped_goes_on_where_it_was_and_killed_workers_cost_it_n
     assert answers_of(tmp_path / "run") == undisturbed
 
 
-def test_a_job_that_crashes_the_engine_is_the_only_one_lost(
-    carry_out, undisturbed, planned, tmp_path, faults
-):
-    culprit = planned.spec(30).job_id
-    faults.set(**{culprit: {"kind": "segfault"}})
-    progress = carry_out(tmp_path / "run")
-    rows = {row["job_id"]: row for row in answers_of(tmp_path / "run")}
-    assert rows[culprit]["status"] == "crashed"
-    assert rows[culprit]["toppled"] is None
-    assert "died" in rows[culprit]["message"]
-    assert progress.status == {"ok": len(undisturbed) - 1, "crashed": 1}
-    assert [row for row in rows.values() if row["job_id"] != culprit] == [
-        row for row in undisturbed if row["job_id"] != culprit
-    ]
-
-
 def test_a_run_whose_workers_die_whenever_they_start_ends_within_seconds_and_says_why(
     campaign, undisturbed, tmp_path, faults_file, monkeypatch
 ):
@@ -105,22 +95,6 @@ def test_a_run_whose_workers_die_whenever_they_start_ends_within_seconds_and_say
     assert answers_of(tmp_path / "run") == undisturbed
 
 
-@pytest.mark.slow
-def test_a_worker_that_freezes_is_replaced_while_the_others_go_on(
-    carry_out, undisturbed, planned, tmp_path, faults
-):
-    culprit = planned.spec(20).job_id
-    faults.set(**{culprit: {"kind": "freeze", "times": 1}}, every={"kind": "wait", "seconds": 0.2})
-    seen = []
-    progress = carry_out(
-        tmp_path / "run", lambda progress: seen.append(time.monotonic()), limits=Limits(job_s=3.0)
-    )
-    assert progress.deaths >= 1
-    # Dask waits for four seconds before it kills a worker that hangs: the run must not.
-    assert max(np.diff(seen)) < 3.0
-    assert answers_of(tmp_path / "run") == undisturbed
-
-
 @pytest.mark.parametrize("other", ["version", "scene"])
 def test_workers_of_another_version_or_that_see_another_scene_are_refused_before_any_job(
     other, client, planned, inputs
@@ -135,3 +109,24 @@ def test_workers_of_another_version_or_that_see_another_scene_are_refused_before
         )
     with refused("cluster.workers_unfit", *named):
         check_workers(client, RunKey(str(inputs), scene_id, planned.ensemble_id, installed))
+
+
+@pytest.mark.thorough
+def test_a_run_audits_itself_and_its_rows_stay_what_they_are(campaign, client, undisturbed, tmp_path):
+    audited = dataclasses.replace(campaign, audit=40)
+    folder = tmp_path / "run"
+    run(plan_of(audited), folder, nullcontext(client), lambda progress: None, stages=[Auditing()])
+    assert sorted_answers(open_run(folder).table()) == undisturbed
+    state = state_of(folder)
+    assert state["audit"]["jobs"] == 40
+    assert state["audit"]["engines"]["mujoco"]["jobs"] == 40
+    assert "40 of 72 jobs done again with reference" in state["audit_sentences"][0]
+    planned = plan(audited, Scene.load(audited.scene), Ensemble.load(audited.ensemble))
+    assert Auditing().due(planned, folder) == 0
+    # More jobs add to those that were done.
+    progresses = audit(
+        Work(planned, folder, versions(), client, lambda progress: None, RunProgress(46, 0)), 46
+    )
+    assert [(progress.before, progress.done) for progress in progresses] == [(40, 6)] * len(progresses)
+    told = CliRunner().invoke(cli, ["status", str(folder), "--json"])
+    assert json.loads(told.stdout)["audit"]["jobs"] == 46

@@ -281,12 +281,9 @@ def test_the_scan_of_the_pages_makes_a_scene(tmp_path):
     assert Scene.load(tmp_path / "scenes" / "rock").rock.volume_m3 > 100.0
 
 
-def test_each_page_of_the_guide_is_in_its_list_and_in_the_site():
+def test_each_page_of_the_guide_is_in_its_list():
     listed = (ROOT / "docs" / "guide" / "index.md").read_text()
-    site = (ROOT / "mkdocs.yml").read_text()
-    for page in PAGES[1:]:
-        assert page.stem == "index" or f"({page.name})" in listed
-        assert f"guide/{page.name}" in site
+    assert [page.name for page in PAGES[1:] if page.stem != "index" and f"({page.name})" not in listed] == []
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Rounded bodies as meshes: (n, 3) vertices in metres and (m, 3) triangles."""
+"""Rounded bodies and ground as meshes: (n, 3) vertices in metres and (m, 3) triangles."""
 
 import math
 
@@ -26,3 +26,12 @@ def round_cap(edge_m, radius_m=0.65, half_width_m=0.3, height_m=1.0):
     angles = np.linspace(0.0, rim, max(2, math.ceil(radius_m * rim / edge_m)) + 1)[1:]
     profile = [(radius_m * math.sin(t), radius_m * (1.0 - math.cos(t))) for t in angles]
     return revolved([*profile, (half_width_m, height_m)], math.ceil(2.0 * np.pi * half_width_m / edge_m))
+
+
+def height_field(height_at, ticks_m):
+    """Square cells over the ticks along x and y, halved, at the height of a function of x and y."""
+    x, y = (each.ravel() for each in np.meshgrid(ticks_m, ticks_m, indexing="ij"))
+    n = len(ticks_m)
+    i = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
+    faces = np.vstack([np.column_stack([i, i + n, i + n + 1]), np.column_stack([i, i + n + 1, i + 1])])
+    return np.column_stack([x, y, height_at(x, y)]), faces

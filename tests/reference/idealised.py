@@ -17,29 +17,6 @@ def full_sine(
     return _along(pga_m_s2 * np.sin(2 * np.pi * time / period_s), azimuth_deg, time[1])
 
 
-def full_cosine(
-    pga_m_s2: float, period_s: float, azimuth_deg: float = 0.0, time_step_s: float = _TIME_STEP_S
-) -> Motion:
-    """One full cycle of a cosine of acceleration: velocity goes both ways, PGV = PGA x period / (2 pi)."""
-    time = _times(period_s, time_step_s)
-    return _along(pga_m_s2 * np.cos(2 * np.pi * time / period_s), azimuth_deg, time[1])
-
-
-def sawtooth_velocity(
-    pgv_m_s: float = 5.0, period_s: float = 3.5, azimuth_deg: float = 0.0, time_step_s: float = _TIME_STEP_S
-) -> Motion:
-    """One cycle of a sawtooth of velocity (the study's figure 8): to +PGV, to -PGV, back to rest.
-
-    Velocity is linear over a quarter, a half and a quarter of the period: acceleration is +-4 PGV / period.
-    It changes sign over two time steps, and is that little larger that the velocity still reaches PGV.
-    """
-    time = _times(period_s, time_step_s)
-    velocity = np.interp(time / period_s, [0, 0.25, 0.75, 1], [0, 1, -1, 0])
-    acceleration = np.gradient(velocity, time[1])
-    reached = np.abs(np.cumsum(0.5 * time[1] * (acceleration[1:] + acceleration[:-1]))).max()
-    return _along(pgv_m_s / reached * acceleration, azimuth_deg, time[1])
-
-
 def ricker(
     pga_m_s2: float, period_s: float, azimuth_deg: float = 0.0, time_step_s: float = _TIME_STEP_S
 ) -> Motion:

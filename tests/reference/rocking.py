@@ -27,17 +27,7 @@ _STILL = 1e-9  # an impact that leaves less than this share of p is the last of 
 
 @dataclass(frozen=True)
 class PlaneBody:
-    """A rigid body that stands on two corners.
-
-    Parameters
-    ----------
-    right_m, left_m : float
-        Horizontal distances from the centre of mass to the right and left corner.
-    height_m : float
-        Height of the centre of mass above the corners.
-    inertia_per_mass_m2 : float
-        About the centre of mass.
-    """
+    """A rigid body on two corners: their horizontal distances from the centre of mass, its height and its inertia."""
 
     right_m: float
     left_m: float
@@ -69,15 +59,9 @@ class PlaneBody:
 
 @dataclass(frozen=True)
 class Ground:
-    """Ground acceleration as a function of time, and the times between which it is smooth.
+    """Ground acceleration (a_x, a_z), m/s2, at a time, and the times (k,) between which it is smooth.
 
-    Parameters
-    ----------
-    at : callable
-        Time to (a_x, a_z), m/s2.
-    breaks_s : (k,) array
-        Increasing; includes start and end. Uplift from rest is looked for at these times and between
-        neighbours of them. The acceleration is zero after the last.
+    Uplift from rest is looked for at these times and between neighbours. After the last the acceleration is zero.
     """
 
     at: Callable[[float], tuple[float, float]]
@@ -130,15 +114,7 @@ class Ground:
 
 @dataclass
 class Rocking:
-    """What happened.
-
-    Attributes
-    ----------
-    impacts_s, rates_before_rad_s : list of float
-        Times of the impacts and angular velocities just before them.
-    overturned : int
-        +1 or -1 where the body lies on its side, 0 where it does not by the end.
-    """
+    """Times of the impacts, angular velocities just before them, and the side (+1, -1) on which the body lies, or 0."""
 
     impacts_s: list[float] = field(default_factory=list)
     rates_before_rad_s: list[float] = field(default_factory=list)
@@ -159,20 +135,9 @@ class Rocking:
 def rock(
     body: PlaneBody, ground: Ground, duration_s: float, angle_rad: float = 0.0, gravity_m_s2: float = 9.81
 ) -> Rocking:
-    """Rock a body on two corners until a time, or until it lies on its side.
+    """Rock a body that is let go at an angle, until a time or until it lies on its side.
 
-    Parameters
-    ----------
-    body, ground
-    duration_s : float
-    angle_rad : float
-        At the start, at rest.
-
-    Raises
-    ------
-    ValueError
-        If the body's impact ratio is not positive: it does not rock (alpha above 54.7 degrees for a
-        rectangle).
+    A body whose impact ratio is not positive does not rock (alpha above 54.7 degrees for a rectangle): ValueError.
     """
     if min(body.impact_ratio(1), body.impact_ratio(-1)) <= 0:
         msg = f"{body} has no positive impact ratio: it does not rock from corner to corner"
@@ -212,14 +177,7 @@ def overturns(body: PlaneBody, ground: Ground) -> int:
     return rock(body, ground, float(ground.breaks_s[-1]) + 30.0 * float(slowest)).overturned
 
 
-def _swing(
-    body: PlaneBody,
-    ground: Ground,
-    gravity: float,
-    sense: int,
-    span: tuple[float, float],
-    state: tuple[float, float],
-) -> Any:
+def _swing(body, ground, gravity, sense, span, state) -> Any:
     """Integrate about one corner until it lands, lies on its side, or the ground's acceleration kinks."""
     arm, inertia = body.arm_m(sense), body.inertia_about_corner_m2(sense)
     beta = sense * body.slenderness(sense)

@@ -32,15 +32,7 @@ _SLACK = 1e-12  # share of the speeds and impulses at hand by which a mode may m
 
 @dataclass(frozen=True)
 class PlaneMotion:
-    """Motion relative to the ground, sampled at every step.
-
-    Attributes
-    ----------
-    time_s : (n,) array
-    place : (n, 3) array
-        Of the centre of mass along the ground and off it, m, and the angle toward +x, rad.
-    velocity : (n, 3) array
-    """
+    """Motion relative to the ground at every step, (n, 3): along it and off it, m, and the angle toward +x, rad."""
 
     time_s: Array
     place: Array
@@ -56,21 +48,9 @@ def slide_and_rock(
     place: tuple[float, float, float] | None = None,
     velocity: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> PlaneMotion:
-    """Follow a body on two corners under an effective gravity.
+    """Follow a body on two corners under an effective gravity, standing at rest at the start unless told.
 
-    Parameters
-    ----------
-    body, contact
-    gravity_m_s2 : callable
-        Time to the effective gravity (gravity less the ground's acceleration) along the ground and off it,
-        (-a_x, -g - a_z) on level ground.
-    duration_s, time_step_s : float
-    place, velocity : (3,) floats
-        Of the start: along the ground, off it, angle toward +x. Standing at rest unless given.
-
-    Returns
-    -------
-    PlaneMotion
+    The gravity, less the ground's acceleration, is along the ground and off it: (-a_x, -g - a_z) on level ground.
     """
     steps = int(np.ceil(duration_s / time_step_s - 1e-9))
     at = np.array(place if place is not None else (0.0, body.height_m, 0.0), float)
@@ -98,14 +78,7 @@ def slide_and_rock(
     return PlaneMotion(np.linspace(0.0, steps * time_step_s, steps + 1), places, velocities)
 
 
-def _impulses(
-    inertia: float,
-    contact: ContactProperties,
-    touching: list[tuple[float, float]],
-    before: Array,
-    free: Array,
-    sticks: bool,
-) -> tuple[Array, bool | None]:
+def _impulses(inertia, contact, touching, before, free, sticks) -> tuple[Array, bool | None]:
     """Velocity after the impulses of the corners that touch, and whether they stick; None if they leave.
 
     Whether they stuck in the step before must be told: a corner that does is moved along the ground by the turning of

@@ -4,7 +4,7 @@ import os
 
 import pyarrow as pa
 import pytest
-from refusals import refused
+from refusals import flip, refused
 
 from toppling.models.files import digest
 from toppling.models.files.digest import read_table, write_table
@@ -26,9 +26,7 @@ def test_a_file_is_read_whole_once_and_again_only_when_it_changed(table_file, mo
     for _ in range(3):
         assert digest.check(table_file)
     assert len(hashed) == 1
-    content = bytearray(table_file.read_bytes())
-    content[20] ^= 1
-    table_file.write_bytes(content)
+    flip(table_file, 20)
     with refused("file.damaged"):
         digest.check(table_file)
     assert len(hashed) == 2
@@ -37,9 +35,7 @@ def test_a_file_is_read_whole_once_and_again_only_when_it_changed(table_file, mo
 def test_a_file_of_this_moment_is_not_remembered_as_its_time_may_stay_when_it_changes(table_file):
     state = table_file.stat()
     assert digest.check(table_file)
-    content = bytearray(table_file.read_bytes())
-    content[20] ^= 1
-    table_file.write_bytes(content)
+    flip(table_file, 20)
     os.utime(table_file, ns=(state.st_atime_ns, state.st_mtime_ns))
     with refused("file.damaged"):
         digest.check(table_file)

@@ -80,13 +80,3 @@ def test_a_wheel_holds_the_program_and_nothing_else(unpacked):
         and path.parent.name != "door"
     }
     assert inside == whole | {"__init__.py", "__main__.py", "py.typed"}
-
-
-@pytest.mark.thorough
-def test_a_wheel_works_without_the_checkout(unpacked, folder):
-    """With the environment's libraries; the wheel comes before the checkout's editable installation."""
-    where = answer("import toppling; print(toppling.__file__)", folder, PYTHONPATH=str(unpacked))
-    assert where == str(unpacked / "toppling" / "__init__.py")
-    assert answer(OPENS, folder, PYTHONPATH=str(unpacked)) == "toppling.workers.shake"
-    rows = "import toppling.results.store as s; print(s.__file__)"
-    assert answer(rows, folder, PYTHONPATH=str(unpacked)).startswith(str(unpacked))

@@ -33,20 +33,5 @@ def test_what_an_inspection_does_to_the_interval_is_said_as_it_is_with_both_widt
     assert f"its width is 20 % of its median, {100 * before:.0f} % without" in told
 
 
-@pytest.mark.parametrize(
-    ("distinct", "warned"), [(1, "1 distinct base among"), (2, "2 distinct bases"), (28, "")]
-)
-def test_few_distinct_bases_are_a_warning(distinct, warned):
-    warnings = [said for said in base_sentences(report(distinct=distinct)) if said.startswith("warning")]
-    assert [warned in said for said in warnings] == ([True] if warned else [])
-
-
-def test_a_nominal_scene_that_is_not_at_rest_is_a_warning_and_one_on_its_smooth_base_is_not():
-    assert not any(
-        "warning" in said for said in base_sentences(report(nominal_draw=None, nominal_at_rest=True))
-    )
-    assert any("warning" in said for said in base_sentences(report(nominal_draw=None, nominal_at_rest=False)))
-
-
 def test_the_width_of_a_table_is_the_median_over_azimuths():
     assert median_width(rows(0.1) + rows(0.3) + rows(0.5)) == pytest.approx(0.3)

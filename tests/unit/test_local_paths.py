@@ -1,10 +1,9 @@
-"""Addresses of object stores are no folders of this machine; comments of TOML are comments; a shake is of a motion."""
+"""Addresses of object stores are no folders of this machine; a shake is of a motion."""
 
 import numpy as np
 import pytest
 from refusals import refused
 
-from toppling.models.files.documents import read_toml
 from toppling.models.files.folder import local, new_file, new_folder
 from toppling.models.files.stores import is_store
 from toppling.models.motions.ensemble import Ensemble
@@ -56,19 +55,6 @@ def test_addresses_of_this_machine_are_paths(address, tmp_path):
 @pytest.mark.parametrize("path", ["runs/first", "/data/x:y/run", "../s3/run", "c/a:b", "s3:run"])
 def test_paths_with_colons_are_paths(path):
     assert str(local(path)) == path
-
-
-def keys(count):
-    return ".".join("k" * count)
-
-
-@pytest.mark.parametrize(
-    "text", [f"{keys(60)} = 1", f'a = "#"\n{keys(60)} = 1', f"[{keys(60)}]", f"a = {{{keys(60)} = 1}}"]
-)
-def test_a_key_of_too_many_parts_is_refused(tmp_path, text):
-    (tmp_path / "campaign.toml").write_text(text)
-    with refused("document.too_deep", 50):
-        read_toml(tmp_path / "campaign.toml")
 
 
 def test_what_is_no_scene_or_no_motion_is_refused_by_its_kind():

@@ -5,6 +5,7 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from reference.bodies import height_field
 from scipy.spatial import ConvexHull
 
 from toppling.models.pedestal import Pedestal
@@ -19,14 +20,7 @@ UP = np.array([0.0, 0.0, 1.0])
 
 def lattice(cells, height):
     """Unit square of small triangles at a height."""
-    along = np.linspace(0.0, 1.0, cells)
-    x, y = np.meshgrid(along, along, indexing="ij")
-    number = np.arange(cells * cells).reshape(cells, cells)
-    a, b, c, d = (
-        each.ravel() for each in (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:])
-    )
-    faces = np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
-    return np.column_stack([x.ravel(), y.ravel(), np.full(x.size, height)]), faces
+    return height_field(lambda x, _: np.full(len(x), height), np.linspace(0.0, 1.0, cells))
 
 
 @given(st.integers(2, 25), st.floats(0.001, 0.999), st.floats(0.001, 0.999))

@@ -1,11 +1,15 @@
-"""A table says the same whatever program of whatever country saved it, or keeps what nobody can tell."""
+"""A table says the same whatever program saved it; one that would fill the memory is refused before it is read."""
 
 from pathlib import Path
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from refusals import refused
 
-from toppling.models.files.table import Table
+from toppling.models.files.digest import read_table, write_table
+from toppling.models.files.documents import MOST_VALUES, read_json
+from toppling.models.files.table import Table, plain_frame
 
 ROWS = [["site", "PGA (g)", "years"], ["a, b", "0.5", "2475"], ["c", "1.25", "10000"]]
 
@@ -55,3 +59,67 @@ def test_three_decimals_of_coordinates_are_no_thousands(sign):
 def test_a_quote_that_nobody_closes_is_refused_with_its_line():
     with refused("table.unreadable", "table.csv:2"):
         of('a,b\n"' + "9" * 200_000)
+
+
+def zstd_bomb():
+    return pa.table({"record_id": ["x" * 100_000_000]})
+
+
+def rows_bomb():
+    return pa.table({"record_id": pa.nulls(50_000_000, pa.int8()).fill_null(1)})
+
+
+def list_bomb():
+    return pa.table({"a": pa.array([[0.0] * 20_000_000], pa.list_(pa.float64()))})
+
+
+def repeated_text_bomb():
+    texts = pa.DictionaryArray.from_arrays(pa.array([0] * 9_000, pa.int32()), ["y" * 900_000])
+    return pa.table({"event": texts})
+
+
+def repeated_text_in_lists_bomb():
+    texts = pa.DictionaryArray.from_arrays(pa.array([0] * 9_000, pa.int32()), ["y" * 900_000])
+    return pa.table({"history": pa.ListArray.from_arrays(pa.array([0, 9_000], pa.int32()), texts)})
+
+
+@pytest.mark.parametrize(
+    "bomb", [zstd_bomb, rows_bomb, list_bomb, repeated_text_bomb, repeated_text_in_lists_bomb]
+)
+def test_a_small_file_that_would_fill_the_memory_is_refused(tmp_path, bomb):
+    path = tmp_path / "catalog.parquet"
+    # Without the schema of Arrow the file says "text", as one of another program.
+    pq.write_table(bomb(), path, compression="zstd", store_schema=False)
+    assert path.stat().st_size < 600_000
+    before = pa.total_allocated_bytes()
+    with refused("table.too_large", "catalog.parquet"):
+        read_table(path)
+    assert pa.total_allocated_bytes() - before < 50_000_000
+
+
+def test_tables_as_the_program_writes_them_are_read(tmp_path):
+    ids = [f"{number:024x}" for number in range(300_000)]
+    table = pa.table({"job_id": ids, "preset": ["fast"] * len(ids), "level": [2.0] * len(ids)})
+    write_table(table, tmp_path / "jobs.parquet", 20_000)
+    assert read_table(tmp_path / "jobs.parquet").equals(table)
+
+
+def test_json_of_too_many_values_is_refused_before_it_is_parsed(tmp_path):
+    path = tmp_path / "scene.json"
+    path.write_text('{"a": [' + "[]," * (MOST_VALUES // 2) + "[]]}")
+    with refused("document.too_many_values"):
+        read_json(path)
+
+
+def test_no_cell_of_an_exported_table_is_a_formula():
+    import pandas as pd
+
+    cells = ["=1+1", "+cmd|' /C calc'!A0", "-2+3", "@SUM(A1)", "\t=1", "plain", "-1.5", None, 3]
+    frame = pd.DataFrame({"=name": cells, "number": range(9), "kind": pd.Categorical(["=a", "b", "c"] * 3)})
+    text = plain_frame(frame).to_csv(index=False)
+    lines = [line for line in text.splitlines() if line]
+    assert lines[0] == "'=name,number,kind"
+    assert lines[1] == "'=1+1,0,'=a"
+    assert lines[7] == "-1.5,6,'=a"
+    assert not any(line.startswith(("=", "+", "@", "\t")) for line in lines)
+    assert "-2+3" not in [line.split(",")[0] for line in lines]

@@ -137,15 +137,9 @@ def first_landing(time, angle):
     landed = np.flatnonzero(angle <= 0)
     if len(landed) == 0:
         return np.inf
-    before = slice(landed[0] - 4, landed[0])
-    return extrapolated_zero(time[before], angle[before])
-
-
-def extrapolated_zero(time, angle):
-    """Time at which the cubic through four samples of time over angle meets zero."""
-    centre = angle.mean()
-    fit = np.polyfit((angle - centre) / np.ptp(angle), time, 3)
-    return float(np.polyval(fit, -centre / np.ptp(angle)))
+    before = slice(landed[0] - 4, landed[0])  # a cubic of time over angle through four samples meets zero
+    centre, spread = angle[before].mean(), np.ptp(angle[before])
+    return float(np.polyval(np.polyfit((angle[before] - centre) / spread, time[before], 3), -centre / spread))
 
 
 def swing_peaks(angle):
@@ -240,6 +234,22 @@ def threshold_error(scene, motion_of, reference, preset, toward=None, span=0.02,
 
 def along(azimuth_deg, values, time_step):
     return Motion(np.asarray(values)[:, None] * horizontal_unit_vector(azimuth_deg), time_step)
+
+
+def topples_at_m_s2(scene, azimuth_deg, knots_s, levels_m_s2, **settings):
+    """Acceleration at which a rock topples under one that rises through such levels, or None."""
+    time_s = np.arange(0.0, knots_s[-1], 0.01)
+    ramp = np.interp(time_s, knots_s, levels_m_s2)
+    shaken = shake(scene, along(azimuth_deg, ramp, 0.01), "fast", **settings)
+    return np.interp(shaken.topple_time_s, time_s, ramp) if shaken.toppled else None
+
+
+def periods_s(time_s, swing):
+    """Times from one fall of a swing through zero to the next."""
+    before = np.flatnonzero((swing[:-1] > 0.0) & (swing[1:] <= 0.0))
+    return np.diff(
+        time_s[before] + np.diff(time_s)[before] * swing[before] / (swing[before] - swing[before + 1])
+    )
 
 
 def full_sine_error(
@@ -425,15 +435,11 @@ def wobble_error(radius, half_height, tilt_deg, preset, sides=512, turns=1.0, **
     rate = exact.wobble_rate_rad_s(radius, half_height, tilt)
     rock = cylinder(radius, half_height, sides)
     scene = Scene.from_mesh((rock.vertices_m, rock.faces), friction=GRIP)
-    result = shake(
-        scene,
+    motion, start = (
         Motion(np.zeros((2, 3)), turns * 2 * np.pi / rate),
-        preset=preset,
-        trajectory=True,
-        shortcuts=False,
-        initial=rolling_start(radius, half_height, tilt),
-        **settings,
+        rolling_start(radius, half_height, tilt),
     )
+    result = let_go(scene, start, preset, motion, **settings)
     x, y, z, w = result.trajectory.quaternion_xyzw.T
     azimuth = np.unwrap(np.arctan2(2 * (y * z - w * x), 2 * (x * z + w * y)))
     time = result.trajectory.time_s
@@ -452,11 +458,6 @@ def rolling_start(radius, half_height, tilt_rad):
         "quaternion_xyzw": (0.0, np.sin(tilt_rad / 2), 0.0, np.cos(tilt_rad / 2)),
         "angular_velocity_rad_s": (spin * s, 0.0, rate + spin * c),
     }
-
-
-def corner_x(lean_rad, com_x, b=0.2, h=0.6):
-    """Place (n,) of the right lower corner."""
-    return com_x + b * np.cos(lean_rad) - h * np.sin(lean_rad)
 
 
 def coupled(*case, **settings):
@@ -497,7 +498,7 @@ def coupled_ways(friction, preset, times, acceleration=None, duration=0.0, veloc
     ):
         around = 2e-3  # rates as differences over the same 4 ms
         at, before, after = (np.interp(np.asarray(times) + d, time, angle) for d in (0.0, -around, around))
-        corner = np.interp(times, time, corner_x(angle, x))
+        corner = np.interp(times, time, x + 0.2 * np.cos(angle) - 0.6 * np.sin(angle))
         alpha, p = np.arctan2(0.2, 0.6), exact.rocking_frequency(0.2, 0.6)
         rows.append([(corner - 0.2) / size, at / alpha, (after - before) / (2 * around * p)])
     return np.array(rows[0]), np.array(rows[1])

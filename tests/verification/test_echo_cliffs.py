@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from reference.closed_forms import slip_of_pulse_m
 
 from toppling.models.frames import horizontal_unit_vector
 from toppling.models.motions.motion import Motion
 from toppling.models.pedestal import Pedestal
 from toppling.workers.shake import shake
 
-G = 9.81
 AWAY_DEG, TOWARD_DEG = 135.0, 315.0
 """Ground that accelerates so topples the rock away from the cliff (toward 315 degrees), and over its edge."""
 
@@ -77,10 +77,7 @@ def pushed_over_the_edge(scene, lasting_s, engine):
 
 def newmarks_way_m(lasting_s):
     """Slip of a block on the slope, pushed downhill for so long (Newmark 1965)."""
-    slope = math.radians(5.0)
-    brakes = G * (FRICTION * math.cos(slope) - math.sin(slope))
-    gathers = PUSH_M_S2 * (math.cos(slope) + FRICTION * math.sin(slope)) - brakes
-    return 0.5 * gathers * lasting_s**2 * (1.0 + gathers / brakes)
+    return slip_of_pulse_m(FRICTION, math.radians(5.0), PUSH_M_S2 / 9.81, lasting_s)
 
 
 @pytest.mark.parametrize("engine", ["pybullet", "mujoco"])

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from engine_cases import periods_s, topples_at_m_s2
 from reference.bodies import revolved, round_cap
 
 from toppling import Motion, Scene, shake
@@ -42,9 +43,7 @@ def test_a_cap_rocks_with_the_period_of_a_rolling_sphere_and_loses_no_energy(edg
     start = tilted(scene, 0.65, 2.0, way_deg)
     found = shake(scene, STILL, "fast", initial=start, trajectory=True, shortcuts=False)
     time_s, swing = found.trajectory.time_s, swings_deg(found.trajectory, way_deg)
-    before = np.flatnonzero((swing[:-1] > 0.0) & (swing[1:] <= 0.0))
-    crossed = time_s[before] + np.diff(time_s)[before] * swing[before] / (swing[before] - swing[before + 1])
-    assert np.diff(crossed)[:3] == pytest.approx(exact_s, rel=0.005)
+    assert periods_s(time_s, swing)[:3] == pytest.approx(exact_s, rel=0.005)
     last = swing[time_s > time_s[-1] - exact_s]
     assert np.abs(last).max() == pytest.approx(2.0, rel=0.01)
 
@@ -55,13 +54,9 @@ def test_a_cap_rocks_with_the_period_of_a_rolling_sphere_and_loses_no_energy(edg
 def test_a_slowly_growing_acceleration_topples_a_cap_where_statics_say(base):
     scene = Scene.from_mesh(round_cap(**base), friction=0.8)
     ((_, threshold),) = scene.quasi_static_toppling_m_s2([0.0])
-    time_s = np.arange(0.0, 60.0, 0.01)
-    ramp = threshold * np.interp(time_s, [0.0, 20.0, 60.0], [0.0, 0.95, 1.05])
-    shaken = shake(scene, Motion(np.column_stack([ramp, 0.0 * ramp, 0.0 * ramp]), 0.01), "fast")
-    assert shaken.toppled
-    assert np.interp(shaken.topple_time_s, time_s, ramp) == pytest.approx(threshold, rel=0.02)
-    weaker = shake(scene, Motion(np.column_stack([0.95 * ramp / 1.05, 0.0 * ramp, 0.0 * ramp]), 0.01), "fast")
-    assert not weaker.toppled
+    knots_s, levels_m_s2 = [0.0, 20.0, 60.0], threshold * np.array([0.0, 0.95, 1.05])
+    assert topples_at_m_s2(scene, 0.0, knots_s, levels_m_s2) == pytest.approx(threshold, rel=0.02)
+    assert topples_at_m_s2(scene, 0.0, knots_s, 0.95 / 1.05 * levels_m_s2) is None
 
 
 @pytest.mark.thorough

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from engine_cases import periods_s, topples_at_m_s2
 from reference.bodies import round_cap
 from refusals import refused
 from scipy.spatial.transform import Rotation
@@ -137,10 +138,7 @@ def test_a_cap_swings_along_a_groove_with_the_period_of_a_smaller_sphere_and_los
     start = {"position_m": place, "quaternion_xyzw": turn.as_quat()}
     found = shake(scene, STILL, "fast", initial=start, trajectory=True, shortcuts=False).trajectory
     swing = np.degrees(2.0 * np.arcsin(-np.asarray(found.quaternion_xyzw)[:, 0]))
-    before = np.flatnonzero((swing[:-1] > 0.0) & (swing[1:] <= 0.0))
-    crossed = found.time_s[before]
-    crossed = crossed + np.diff(found.time_s)[before] * swing[before] / (swing[before] - swing[before + 1])
-    assert np.diff(crossed)[:3] == pytest.approx(exact_s, rel=0.002)
+    assert periods_s(found.time_s, swing)[:3] == pytest.approx(exact_s, rel=0.002)
     assert np.abs(swing[found.time_s > found.time_s[-1] - exact_s]).max() == pytest.approx(2.0, rel=0.01)
 
 
@@ -153,10 +151,6 @@ def test_a_slowly_growing_acceleration_topples_a_cap_on_facets_where_statics_say
     """So slowly that the swings that its growth begins, which nothing brakes, stay small."""
     scene = Scene.from_mesh(round_cap(0.04), pedestal=ground, friction=1.2)
     ((_, threshold),) = scene.quasi_static_toppling_m_s2([azimuth_deg])
-    time_s, way = np.arange(0.0, 240.0, 0.01), math.radians(azimuth_deg)
-    ramp = threshold * np.interp(time_s, [0.0, 80.0, 240.0], [0.0, 0.95, 1.05])
-    toward = np.array([math.cos(way), math.sin(way), 0.0])
-    shaken = shake(scene, Motion(ramp[:, None] * toward, 0.01), "fast")
-    assert shaken.toppled
-    assert np.interp(shaken.topple_time_s, time_s, ramp) == pytest.approx(threshold, rel=0.01)
-    assert not shake(scene, Motion(0.94 * ramp[:, None] * toward, 0.01), "fast").toppled
+    knots_s, levels_m_s2 = [0.0, 80.0, 240.0], threshold * np.array([0.0, 0.95, 1.05])
+    assert topples_at_m_s2(scene, azimuth_deg, knots_s, levels_m_s2) == pytest.approx(threshold, rel=0.01)
+    assert topples_at_m_s2(scene, azimuth_deg, knots_s, 0.94 * levels_m_s2) is None

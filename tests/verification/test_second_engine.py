@@ -11,7 +11,6 @@ from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.models.shapes import box
 from toppling.workers.engines.mujoco.pieces import hollow_m
-from toppling.workers.options import PRESETS
 from toppling.workers.shake import shake
 
 MUJOCO = {"engine": "mujoco"}
@@ -73,12 +72,6 @@ def bursts(slope_deg=0.0):
     return scene, Motion(np.vstack([quiet, burst, quiet, burst, quiet]), 0.02)
 
 
-def test_a_motion_within_the_static_cone_takes_no_step():
-    scene, motion = bursts()
-    result = shake(scene, Motion(0.3 * motion.acceleration_m_s2, 0.02), "fast", **MUJOCO)
-    assert (result.steps, result.ended_by) == (0, "never_moved")
-
-
 @pytest.mark.parametrize("slope_deg", [0.0, 7.0])
 def test_a_rock_at_rest_is_skipped_and_goes_on_as_it_lay(slope_deg):
     scene, motion = bursts(slope_deg)
@@ -90,27 +83,12 @@ def test_a_rock_at_rest_is_skipped_and_goes_on_as_it_lay(slope_deg):
     assert short.max_tilt_deg == pytest.approx(whole.max_tilt_deg, rel=0.3)
 
 
-def test_the_same_job_gives_the_same_bits_after_any_other():
-    scene, motion = bursts()
-    first = shake(scene, motion, "fast", trajectory=True, **MUJOCO).trajectory
-    shake(Scene.block(0.3, 0.3, 0.5), motion, "standard", **MUJOCO)
-    again = shake(scene, motion, "fast", trajectory=True, **MUJOCO).trajectory
-    assert first.position_m.tobytes() == again.position_m.tobytes()
-
-
 @pytest.mark.parametrize(
     ("contact", "told"), [({"restitution": 0.2}, "restitution"), ({"friction": (0.8, 0.6)}, "in slip")]
 )
 def test_what_it_cannot_do_is_refused_by_name(contact, told):
     with refused("engine.contact_unknown", told):
         shake(Scene.block(0.2, 0.2, 0.6, **contact), Motion(np.full((9, 3), 0.5 * G), 0.01), **MUJOCO)
-
-
-def test_an_engine_that_does_not_exist_is_refused():
-    with refused("engine.unknown", "'newton'"):
-        shake(Scene.block(0.2, 0.2, 0.6), Motion(np.zeros((9, 3)), 0.01), engine="newton")
-    with refused("engine.unknown", "'newton'"):
-        shake(Scene.block(0.2, 0.2, 0.6), Motion(np.zeros((9, 3)), 0.01), PRESETS["fast"], engine="newton")
 
 
 def test_a_hollow_spanned_by_two_triangles_is_as_deep_as_their_common_edge():

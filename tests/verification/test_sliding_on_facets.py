@@ -3,18 +3,15 @@
 import math
 
 import pytest
+from reference.closed_forms import slip_of_pulse_m
 from scipy.spatial.transform import Rotation
-from test_ground import G, as_surface, block, block_on, facets, pulse
+from test_ground import G, as_surface, block, block_on, facets, pulse, stool_on
 from test_rest_on_facets import burst
 
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.models.shapes import box
 from toppling.workers.shake import shake
-
-
-def stool_on(left_deg, right_deg, friction):
-    return block_on(left_deg, right_deg, friction, half_width=0.4, half_height=0.25, foot_m=0.245)
 
 
 def slips_m(scene, motion, preset):
@@ -55,8 +52,7 @@ def test_along_a_fold_friction_grows_as_the_facets_press_harder(slope_deg):
     scene = stool_on(slope_deg, slope_deg, friction)
     found_m = shake(scene, pulse(level * G, lasting_s, 90.0, after_s=0.01), "standard").slip_m
     grown = friction / math.cos(math.radians(slope_deg))
-    exact_m = (level * G * lasting_s) ** 2 / (2.0 * grown * G) * (1.0 - grown / level)
-    assert found_m == pytest.approx(exact_m, rel=0.01)
+    assert found_m == pytest.approx(slip_of_pulse_m(grown, 0.0, level, lasting_s), rel=0.01)
 
 
 @pytest.mark.parametrize("azimuth_deg", [0.0, 30.0, 90.0])
@@ -66,8 +62,7 @@ def test_on_a_level_surface_a_pulse_slides_a_block_as_far_as_newton_says(azimuth
     found_m = shake(
         as_surface(scene), pulse(level * G, lasting_s, azimuth_deg, after_s=0.01), "standard"
     ).slip_m
-    exact_m = (level * G * lasting_s) ** 2 / (2.0 * friction * G) * (1.0 - friction / level)
-    assert found_m == pytest.approx(exact_m, rel=0.01)
+    assert found_m == pytest.approx(slip_of_pulse_m(friction, 0.0, level, lasting_s), rel=0.01)
 
 
 def test_on_an_incline_a_pulse_uphill_slides_a_block_down_as_far_as_newton_says():
@@ -78,7 +73,4 @@ def test_on_an_incline_a_pulse_uphill_slides_a_block_down_as_far_as_newton_says(
     tilted = ground @ turn.T, faces
     scene = Scene.from_mesh((slab.vertices_m, slab.faces), pedestal=tilted, friction=friction)
     found_m = shake(as_surface(scene), pulse(-level * G, lasting_s, after_s=0.01), "standard").slip_m
-    driven = level * G * (math.cos(slope) + friction * math.sin(slope))
-    braked = G * (friction * math.cos(slope) - math.sin(slope))
-    exact_m = ((driven - braked) * lasting_s) ** 2 / 2.0 * (1.0 / (driven - braked) + 1.0 / braked)
-    assert found_m == pytest.approx(exact_m, rel=0.01)
+    assert found_m == pytest.approx(slip_of_pulse_m(friction, slope, level, lasting_s), rel=0.01)

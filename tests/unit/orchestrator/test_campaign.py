@@ -8,7 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from refusals import refused
 
-from toppling.models.errors import InputError
 from toppling.orchestrator.campaign import KEYS, Campaign
 from toppling.orchestrator.keys import REQUIRED
 
@@ -156,7 +155,7 @@ def test_what_is_asked_for_and_what_realisations_draw_is_written_as_it_is_read(s
 
 @pytest.mark.parametrize("missing", sorted(GOOD))
 def test_a_missing_key_is_named(missing):
-    with pytest.raises(InputError, match=missing):
+    with refused("campaign.key_missing", missing):
         Campaign.of({key: value for key, value in GOOD.items() if key != missing}, Path())
 
 

@@ -1,4 +1,4 @@
-"""The table of verbs, which is listed without importing any of them."""
+"""The table of verbs, listed without importing any of them, and what is said of a misspelt word or a failure."""
 
 import errno
 import re
@@ -12,6 +12,7 @@ import click
 import pytest
 from click.testing import CliRunner
 
+from toppling.models.errors import nearest
 from toppling.orchestrator import cli as command
 from toppling.orchestrator import verbs
 from toppling.orchestrator.cli import VERBS, cli, first_line
@@ -167,3 +168,23 @@ def test_the_help_lists_every_verb_in_one_group():
     modules = {name: import_module(f"{verbs.__name__}.{name}") for _, name, _ in iter_modules(verbs.__path__)}
     commands = [name for name, module in modules.items() if isinstance(vars(module).get(name), click.Command)]
     assert sorted(VERBS) == sorted(commands)
+
+
+@pytest.mark.parametrize(
+    ("words", "meant"),
+    [
+        (["fragilty", "runs/first"], "fragility"), (["Query", "runs/first"], "query"),
+        (["records", "imprt"], "import"), (["scene", "exprot"], "export"),
+        (["init", ".", ".", "--preset", "standart"], "standard"),
+        (["records", "select", ".", "--out", "x", "--quality", "procesed"], "processed"),
+    ],
+)  # fmt: skip
+def test_a_misspelt_verb_or_choice_is_answered_with_what_was_meant(words, meant):
+    done = CliRunner().invoke(cli, words)
+    assert done.exit_code == 2
+    assert f"Did you mean '{meant}'?" in done.stderr
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_each_verb_with_a_letter_left_out_is_found_again(verb):
+    assert nearest(verb[:2] + verb[3:], VERBS) == verb

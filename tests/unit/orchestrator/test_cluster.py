@@ -56,16 +56,6 @@ def test_workers_are_told_to_be_started_with_their_pages_closed(file):
     assert [line for line in commands if CLOSED.removesuffix("0") not in line] == []
 
 
-def test_workers_of_batch_jobs_have_their_pages_closed_and_what_the_configuration_adds(monkeypatch, tmp_path):
-    pytest.importorskip("dask_jobqueue")
-    monkeypatch.chdir(tmp_path)
-    with dask.config.set(
-        {"jobqueue.slurm.memory": "2GB", "jobqueue.slurm.worker-extra-args": ["--lifetime", "55m"]}
-    ):
-        script = job_script("slurm")
-    assert f"{CLOSED} --lifetime 55m" in script
-
-
 @pytest.mark.parametrize(
     ("address", "warns"),
     [
@@ -81,11 +71,21 @@ def test_a_scheduler_that_lets_in_anybody_beyond_this_machine_is_told(address, w
 BATCH_JOB = {"jobqueue.slurm.cores": 1, "jobqueue.slurm.memory": "2GB"}
 
 
-def test_batch_jobs_compute_with_the_kernels_that_the_user_has_chosen(monkeypatch):
+def test_a_batch_job_has_what_is_asked_before_the_configuration_closed_pages_and_the_users_kernels(
+    monkeypatch,
+):
     pytest.importorskip("dask_jobqueue")
     monkeypatch.setenv("OPENBLAS_CORETYPE", "Haswell; true")
-    with dask.config.set(BATCH_JOB):
-        assert "\nexport OPENBLAS_CORETYPE='Haswell; true'\n" in job_script("slurm")
+    asked = {"queue": "long", "account": "geo", "walltime": "03:00:00", "memory": "5GB"}
+    configured = {"walltime": "00:30:00", "queue": "short", "worker-extra-args": ["--lifetime", "55m"]}
+    with dask.config.set(BATCH_JOB | {f"jobqueue.slurm.{name}": value for name, value in configured.items()}):
+        script = job_script("slurm", asked)
+        given = job_script("slurm", dict.fromkeys(asked))
+    wanted = ["-p long", "-A geo", "-t 03:00:00", "--mem=5G"]
+    assert [line for line in wanted if f"#SBATCH {line}" not in script] == []
+    kernels = "\nexport OPENBLAS_CORETYPE='Haswell; true'\n"
+    for line in ("-p short", "-t 00:30:00", f"{CLOSED} --lifetime 55m", kernels):
+        assert line in given
 
 
 def test_batch_jobs_find_the_key_in_a_folder_of_the_user_alone(tmp_path):
@@ -101,21 +101,6 @@ def test_batch_jobs_find_the_key_in_a_folder_of_the_user_alone(tmp_path):
         assert "--tls-key" in script
         assert "PRIVATE KEY" not in script
     assert list(tmp_path.iterdir()) == []
-
-
-def test_what_is_asked_of_a_batch_job_comes_before_the_configuration():
-    pytest.importorskip("dask_jobqueue")
-    asked = {"queue": "long", "account": "geo", "walltime": "03:00:00", "memory": "5GB"}
-    with dask.config.set(
-        BATCH_JOB | {"jobqueue.slurm.walltime": "00:30:00", "jobqueue.slurm.queue": "short"}
-    ):
-        script = job_script("slurm", asked)
-        given = job_script("slurm", dict.fromkeys(asked))
-    assert [
-        line for line in ("-p long", "-A geo", "-t 03:00:00", "--mem=5G") if f"#SBATCH {line}" not in script
-    ] == []
-    assert "-p short" in given
-    assert "-t 00:30:00" in given
 
 
 def refusal_of_queue(code, interface, folder):

@@ -124,16 +124,3 @@ def test_no_worker_idles_more_than_a_twentieth_of_a_study(workers, seed):
     cost_s = np.geomspace(3.0, 0.3, 140)[record_of] * random.lognormal(0.0, 0.8, len(record_of))
     cost_s *= 0.1 / cost_s.mean()
     assert idle_share_at_the_end(cost_s, 140.0 - record_of, workers) <= 0.05
-
-
-def test_a_batch_is_as_long_as_its_time_leaves_room_for():
-    assert room_for(4, 2.0, budget_s=2.0) == 8
-    assert room_for(1, 30.0, budget_s=2.0) == 1
-    assert room_for(1, 0.0, budget_s=2.0) == room_for(
-        1000, 0.0, budget_s=2.0
-    )  # as of workers that only pretend
-
-
-def test_tasks_grow_with_the_cluster_so_that_the_scheduler_keeps_up():
-    assert budget_s(1) == budget_s(100) == 2.0
-    assert budget_s(1000) == 10.0

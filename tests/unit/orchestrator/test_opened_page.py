@@ -5,7 +5,8 @@ import os
 import signal
 import subprocess
 import sys
-import time
+
+from waiting import wait_until
 
 PROGRAM = """
 from toppling.orchestrator.loopback import Answers, Loopback
@@ -34,10 +35,7 @@ def test_no_argument_of_the_browser_holds_the_secret_and_only_this_account_reads
         stdout=subprocess.PIPE, text=True,
     )  # fmt: skip
     secret = began.stdout.readline().strip()
-    end = time.monotonic() + 60.0
-    while not seen.exists():
-        assert time.monotonic() < end
-        time.sleep(0.05)
+    wait_until(seen.exists)
     found = json.loads(seen.read_text())
     assert len(secret) > 16
     assert secret not in " ".join(found["argv"])

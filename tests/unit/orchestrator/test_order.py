@@ -1,18 +1,16 @@
-"""Whatever is done of a campaign when it is interrupted is a balanced sample of it."""
+"""Whatever is done of a campaign when it is interrupted, or timed beforehand, is a balanced sample of it."""
 
 import math
 from itertools import pairwise, product
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from small_campaigns import planned_in
 
-from toppling.orchestrator.plan import (
-    JOBS_OF_A_SCENE,
-    balanced_order,
-    block_jobs,
-    diagonal,
-)
+from toppling.orchestrator.pilot import sampled_rows, timed_jobs
+from toppling.orchestrator.plan import JOBS_OF_A_SCENE, balanced_order, block_jobs
 
 RECORD, SCENE, LEVEL, AZIMUTH = range(4)
 
@@ -31,19 +29,6 @@ def largest_deviation(values):
     each = values[:, None] == np.arange(values.max() + 1)
     even = np.arange(1, len(values) + 1)[:, None] / each.shape[1]
     return float(np.abs(np.cumsum(each, axis=0) - even).max())
-
-
-@given(sizes=st.lists(st.integers(1, 7), min_size=1, max_size=3))
-def test_a_diagonal_visits_each_cell_of_its_grid_once(sizes):
-    assert set(map(tuple, diagonal(*sizes).tolist())) == set(product(*map(range, sizes)))
-
-
-@given(first=st.integers(1, 9), second=st.integers(1, 9))
-def test_every_stretch_of_a_diagonal_holds_each_value_equally_often_but_for_one_or_two(first, second):
-    for axis in diagonal(first, second).T:
-        for begin in range(len(axis)):
-            counts = np.cumsum(axis[begin:, None] == np.arange(axis.max() + 1), axis=0)
-            assert np.ptp(counts, axis=1).max() <= 2
 
 
 @settings(max_examples=40)
@@ -75,3 +60,31 @@ def test_scenes_change_seldom_and_come_round_evenly():
     assert largest_deviation(jobs[:, SCENE]) <= of_block
     friction = jobs[:, SCENE] // 10
     assert largest_deviation(friction) <= of_block
+
+
+@pytest.fixture(scope="module")
+def planned(tmp_path_factory):
+    periods_s, axes = np.arange(0.3, 1.45, 0.1), {"azimuth_deg": [0, 90, 180, 270], "preset": "fast"}
+    return planned_in(tmp_path_factory.mktemp("estimate"), periods_s, pga_m_s2=list(range(1, 20)), **axes)
+
+
+def test_the_mean_of_the_timed_jobs_is_within_a_factor_of_one_and_a_half(planned):
+    """Costs as jobs have them: nearly none below a level, then by the record and with chance, little once it falls."""
+    level = planned.jobs["pga_m_s2"].to_numpy()
+    record = planned.jobs["record_id"].combine_chunks().indices.to_numpy()
+    near = []
+    for seed in range(200):
+        random = np.random.default_rng(seed)
+        starts, falls = random.uniform(2, 4, 12)[record], random.uniform(5, 18, 12)[record]
+        cost = np.where(
+            level < starts, 0.002, random.gamma(2.0, 0.1, len(level)) * random.lognormal(0, 0.5, 12)[record]
+        )
+        cost = np.where(level > falls, 0.3 * cost, cost)
+        told = cost[sampled_rows(planned)].mean()
+        near.append(1 / 1.5 < told / cost.mean() < 1.5)
+    assert np.mean(near) > 0.95
+
+
+@pytest.mark.parametrize(("jobs", "timed"), [(3, 3), (20, 6), (165, 20), (21280, 48)])
+def test_of_every_plan_some_jobs_are_timed_and_of_a_small_one_few(jobs, timed):
+    assert timed_jobs(jobs) == timed

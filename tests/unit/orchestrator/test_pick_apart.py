@@ -5,12 +5,10 @@ import os
 import threading
 import time
 
-import numpy as np
 import pytest
 
 from toppling.models.errors import InputError
-from toppling.models.scan.read import Cloud
-from toppling.orchestrator.pick.apart import Apart, EndedError, Stored
+from toppling.orchestrator.pick.apart import Apart, EndedError
 
 HELD_S = 2
 
@@ -76,14 +74,3 @@ def test_what_nobody_wants_any_more_ends_at_its_next_note_and_the_process_at_onc
         apart.do(lambda _: apart.end(), hold)
     with pytest.raises(EndedError):
         apart.do(print, hold)
-
-
-@pytest.mark.parametrize("label", [None, np.array([0, 1], np.int8)])
-def test_a_cloud_in_files_is_the_same_cloud(label, tmp_path):
-    points = np.random.default_rng(3).normal(size=(2, 3))
-    cloud = Cloud(points, np.ones(3), np.array([0, 1], np.int32), (("a", 2),), (), label)
-    again = Stored.of(cloud, tmp_path / "cloud").cloud()
-    assert (again.points_m == points).all()
-    assert again.station.tolist() == [0, 1]
-    assert again.files == cloud.files
-    assert again.label is None if label is None else (again.label == label).all()

@@ -2,8 +2,6 @@
 
 import dataclasses
 import json
-import subprocess
-import sys
 from contextlib import nullcontext
 from itertools import pairwise
 
@@ -235,39 +233,3 @@ def test_a_rock_that_does_not_stand_by_itself_is_refused_once_and_before_anythin
     with refused(told):
         run(plan_of(leaning), tmp_path / "run", nullcontext(None), watch=lambda progress: None)
     assert not (tmp_path / "run").exists()
-
-
-MILLION = """
-import sys
-from pathlib import Path
-from toppling.models.scene import Scene
-from toppling.models.motions.ensemble import Ensemble
-from toppling.orchestrator.campaign import Campaign
-from toppling.orchestrator.dispatch import Dispatch
-from toppling.orchestrator.plan import plan
-folder = Path(sys.argv[1])
-content = {"scene": "scene", "ensemble": "ensemble", "pga_m_s2": {"start": 0.1, "stop": 10, "step": 0.1},
-           "azimuth_deg": list(range(0, 360, 3)), "friction": [0.9], "realisations": 28}
-campaign = Campaign.of(content, folder)
-whole = plan(campaign, Scene.load(campaign.scene), Ensemble.load(campaign.ensemble))
-finished = set(whole.jobs["job_id"].to_pylist()[::2])
-dispatch = Dispatch(whole.pending(finished), whole.columns["duration_s"])
-while batch := dispatch.next_batch(2):
-    dispatch.came_back(batch, done=len(batch.jobs))
-# Not ru_maxrss, which begins with the peak of the process that started this one.
-status = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
-print(len(whole), status["VmHWM"].removesuffix("kB"))
-"""
-
-
-@pytest.mark.slow
-def test_a_million_jobs_are_planned_and_tracked_in_two_gigabytes(campaign):
-    told = subprocess.run(
-        [sys.executable, "-c", MILLION, str(campaign.scene.parent)],
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    jobs, memory_kb = map(int, told.stdout.split()[-2:])
-    assert jobs > 1_000_000
-    assert memory_kb < 2_000_000

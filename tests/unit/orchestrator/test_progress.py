@@ -1,13 +1,9 @@
 """What a run tells of itself while it goes on."""
 
-import sys
 import time
-from pathlib import Path
 
 import pyarrow as pa
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "results"))
 
 from toppling.orchestrator.compiling import COMPILING
 from toppling.orchestrator.context import RunProgress

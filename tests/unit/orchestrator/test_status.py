@@ -1,7 +1,9 @@
-"""What a run's folder tells of its state, without anything that runs."""
+"""What a run's folder tells of its state, without anything that runs, and its log: one JSON object a line."""
 
 import errno
 import fcntl
+import json
+import logging
 import os
 import threading
 from datetime import UTC, datetime, timedelta
@@ -12,7 +14,7 @@ from refusals import refused
 from small_campaigns import planned_in
 
 from toppling.orchestrator.cli import cli
-from toppling.orchestrator.journal import journal, log_event
+from toppling.orchestrator.journal import LOG_FILE, journal, last, log_event
 from toppling.orchestrator.run_folder import prepare, session
 from toppling.orchestrator.status import level_counts, state_of
 from toppling.orchestrator.task import lost_row
@@ -139,3 +141,46 @@ def test_the_shares_of_a_run_count_jobs_with_an_answer_by_level(planned, tmp_pat
     write_part(tmp_path / "run", [*answered, done[2]])
     (share,) = level_counts(tmp_path / "run")
     assert (share.level_m_s2, share.jobs, share.toppled) == (5.0, 2, 1)
+
+
+def entries(run):
+    return [json.loads(line) for line in (run / LOG_FILE).read_text().splitlines()]
+
+
+def test_events_and_warnings_are_lines_with_time_level_and_fields(tmp_path):
+    with journal(tmp_path):
+        log_event("rows stored", done=3)
+        logging.getLogger("toppling.orchestrator.execution").warning(
+            "a worker %s", "died", extra={"fields": {"worker": "w1"}}
+        )
+    stored, died = entries(tmp_path)
+    assert (stored["event"], stored["level"], stored["done"]) == ("rows stored", "info", 3)
+    assert (died["event"], died["level"], died["worker"]) == ("a worker died", "warning", "w1")
+    assert stored["time"] <= died["time"]
+
+
+def test_nothing_is_written_outside_a_session(tmp_path):
+    with journal(tmp_path):
+        log_event("one")
+    log_event("two")
+    assert [entry["event"] for entry in entries(tmp_path)] == ["one"]
+
+
+def test_a_line_that_a_crash_cut_spoils_no_other(tmp_path):
+    with journal(tmp_path):
+        log_event("rows stored", done=1)
+    with (tmp_path / LOG_FILE).open("a") as file:
+        file.write('{"event": "rows sto')
+    with journal(tmp_path):
+        log_event("session began")
+    lines = (tmp_path / LOG_FILE).read_text().splitlines()
+    assert json.loads(lines[-1])["event"] == "session began"
+    assert last(tmp_path, "rows stored")["done"] == 1
+
+
+def test_a_log_that_leads_elsewhere_is_not_followed(tmp_path):
+    (tmp_path / "elsewhere").write_text("mine")
+    (tmp_path / LOG_FILE).symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(OSError, match="symbolic links"), journal(tmp_path):
+        log_event("session began")
+    assert (tmp_path / "elsewhere").read_text() == "mine"

@@ -5,12 +5,12 @@ import http.client
 import json
 import subprocess
 import threading
-import time
 from datetime import UTC, datetime, timedelta
 
 import pytest
 from browser import BROWSER, needs_browser
 from small_campaigns import planned_in
+from waiting import wait_until
 
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
@@ -86,18 +86,15 @@ def test_nothing_but_the_page_its_state_and_replays_is_there(server, path):
     assert asked(server, f"/{server.secret}/{path}")[0] == 404
 
 
-def until(server, job, word, seconds=200):
-    end = time.monotonic() + seconds
-    while word not in (answer := asked(server, f"/{server.secret}/replay/{job}")[1]):
-        assert time.monotonic() < end, answer
-        time.sleep(0.5)
-    return answer
-
-
 @pytest.mark.thorough
 def test_a_toppling_is_replayed_on_a_click(server):
     job = state(server)["latest"][0]["job_id"]
-    page = until(server, job, "toppled</title>")
+
+    def replay():
+        page = asked(server, f"/{server.secret}/replay/{job}")[1]
+        return page if "toppled</title>" in page else ""
+
+    page = wait_until(replay)
     assert "<canvas" in page or "view" in page
 
 

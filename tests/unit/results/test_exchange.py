@@ -13,13 +13,7 @@ from seeded import rows
 
 from toppling.models.errors import InputError
 from toppling.models.motions.measures import MEASURES, OPENQUAKE
-from toppling.results.analysis.exchange import (
-    moments,
-    of_moments,
-    read_curves,
-    read_surface,
-    write_curves,
-)
+from toppling.results.analysis.exchange import moments, of_moments, read_curves, read_surface, write_curves
 from toppling.results.analysis.lognormal import Basis, Lognormal, Resampled, Surface, with_samples
 from toppling.results.drawing.run_figures import write_fits
 from toppling.results.schema import SCHEMA

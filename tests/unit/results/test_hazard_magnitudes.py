@@ -3,15 +3,19 @@
 import json
 import math
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from refusals import refused
 from scipy.stats import norm
 
 from toppling.models.motions.selection import Bin
+from toppling.orchestrator.cli import cli
+from toppling.results.analysis.exchange import write_curves
 from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.hazard.gmm import MODELS, GroundMotionModel
 from toppling.results.hazard.magnitudes import (
@@ -30,6 +34,8 @@ from toppling.results.hazard.magnitudes import (
     toppling_probability,
 )
 from toppling.results.hazard.places import azimuthal_km, distance_km, read_faults
+
+needs_models = pytest.mark.skipif(find_spec("pygmm") is None, reason="the extra 'gmm' is not installed")
 
 
 @dataclass(frozen=True)
@@ -120,12 +126,12 @@ def test_earthquakes_at_one_site_topple_as_drawn_ones_that_share_its_term(events
     assert (anew == pytest.approx(found, abs=1e-6)) == (events == 1)
 
 
+@needs_models
 @pytest.mark.parametrize(
     ("name", "option", "value"),
     [("cy14", "vs30_source", "inferred"), ("cb14", "hypocentre_km", 14.0), ("cy14", "depth_1_0_km", 0.9)],
 )
 def test_the_effect_of_an_option_is_that_of_leaving_it_out(name, option, value):
-    pytest.importorskip("pygmm", reason="the optional extra 'gmm' is not installed")
     plain, other = (GroundMotionModel(name, "pgv_m_s", 500.0, **asked) for asked in ({}, {option: value}))
     (effect,) = (row for row in effects([other], motion_grid([other], [1.0])) if row["instead_of"] == value)
     (before, sigma_before, _), (after, sigma, _) = (one.motion(6.5, 10.0) for one in (other, plain))
@@ -161,8 +167,8 @@ def test_weights_of_models_that_do_not_sum_to_one_are_refused(weights):
         motion_grid([Simple(), Simple()], weights)
 
 
+@needs_models
 def test_boore_and_others_2014_have_their_published_numbers():
-    pytest.importorskip("pygmm", reason="the optional extra 'gmm' is not installed")
     mean, sigma, _ = GroundMotionModel("bssa14", "pga_m_s2", 760.0, "SS").motion(7.0, 20.0)
     assert math.exp(mean) / 9.80665 == pytest.approx(0.14971, rel=1e-4)
     assert float(sigma) == pytest.approx(0.6051, rel=1e-3)
@@ -171,9 +177,9 @@ def test_boore_and_others_2014_have_their_published_numbers():
     assert float(sigma) == pytest.approx(0.651, rel=1e-3)
 
 
+@needs_models
 @pytest.mark.parametrize("name", MODELS)
 def test_every_model_shakes_more_near_by_and_its_sigma_has_three_parts_at_a_site(name):
-    pytest.importorskip("pygmm", reason="the optional extra 'gmm' is not installed")
     model = GroundMotionModel(name, "sa_1s_m_s2", 760.0)
     mean, sigma, between_sites = model.motion([5.5, 6.5, 6.5], [20.0, 20.0, 100.0])
     assert mean[1] > max(mean[0], mean[2])
@@ -185,6 +191,7 @@ def test_every_model_shakes_more_near_by_and_its_sigma_has_three_parts_at_a_site
     assert parts.pop("total") == pytest.approx(math.hypot(*parts.values()))
 
 
+@needs_models
 @pytest.mark.parametrize(
     ("options", "what"),
     [
@@ -194,7 +201,6 @@ def test_every_model_shakes_more_near_by_and_its_sigma_has_three_parts_at_a_site
     ],
 )  # fmt: skip
 def test_a_model_that_does_not_cover_what_is_asked_is_refused(options, what):
-    pytest.importorskip("pygmm", reason="the optional extra 'gmm' is not installed")
     with refused(what):
         GroundMotionModel(**{"name": "bssa14", "measure": "pgv_m_s", "vs30_m_s": 760.0, **options})
 
@@ -265,3 +271,60 @@ def test_bins_of_a_deaggregation_are_excluded_where_their_earthquake_topples_the
     assert table["topples"].tolist() == pytest.approx([norm.cdf(2.4 / math.hypot(0.6, 0.1)), 0.5])
     assert table["excluded"].tolist() == [True, False]
     assert bins_words(table)[0].startswith("One event: 75 % of the deaggregated hazard, 1 of 2 bins")
+
+
+@pytest.fixture
+def curves(tmp_path):
+    return str(
+        write_curves(
+            tmp_path / "rock.json", [Lognormal("pgv_m_s", 0.25, 0.3), Lognormal("pga_m_s2", 3.0, 0.3)]
+        )
+    )
+
+
+@pytest.fixture
+def faults(tmp_path):
+    path = tmp_path / "faults.geojson"
+    line = {"type": "LineString", "coordinates": [[-119.0, 34.75], [-117.0, 34.75]]}
+    feature = {"type": "Feature", "properties": {"name": "north", "mag": 7.8}, "geometry": line}
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": [feature]}))
+    return str(path)
+
+
+def magnitudes(*arguments):
+    return CliRunner().invoke(cli, ["magnitudes", *arguments, "--vs30", "760"])
+
+
+@needs_models
+def test_a_fault_whose_own_earthquake_would_have_toppled_the_rock_is_excluded(curves, faults, tmp_path):
+    out = tmp_path / "out"
+    asked = [curves, "--events", "5", "--faults", faults, "--site", "-118", "34.7", "--out", str(out)]
+    done = magnitudes(*asked)
+    assert done.exit_code == 0, done.output
+    assert "its magnitude 7.8 topples with" in done.output
+    (fault,) = json.loads((out / "magnitudes.json").read_text())["faults"]
+    assert fault["excluded"] is True
+    assert fault["magnitude"] < 7.8
+    assert fault["distance_km"] == pytest.approx(5.56, abs=0.01)
+    names = ("faults.csv", "faults.png", "magnitudes.png", "largest_magnitudes.csv", "least_distances.csv")
+    assert {*names} <= {path.name for path in out.iterdir()}
+
+
+@needs_models
+@pytest.mark.parametrize(
+    ("options", "code"),
+    [
+        (["--recurrence", "3000"], 2), (["--age", "3000"], 2), (["--site", "1", "2"], 2), (["--faults", "FAULTS"], 2),
+        (["--where", "true"], 2), (["--model", "bssa14=0.4", "--model", "cy14=0.4"], 1),
+        (["--model", "bssa14", "--model", "bssa14"], 1), (["--model", "none"], 1),
+        (["--mechanism", "U", "--model", "ask14"], 1), (["--faults", "FAULTS", "--site", "34.7", "-118.1"], 1),
+    ],
+)  # fmt: skip
+def test_what_contradicts_itself_is_refused_before_anything_is_written(
+    curves, faults, tmp_path, options, code
+):
+    out = tmp_path / "out"
+    done = magnitudes(curves, *(faults if one == "FAULTS" else one for one in options), "--out", str(out))
+    assert done.exit_code == code
+    assert done.exception is not None
+    assert not out.exists()

@@ -14,13 +14,7 @@ from toppling.results.hazard.events import Standing
 from toppling.results.hazard.readers import read_hazard
 from toppling.results.hazard.readers.assembly import chosen_tree
 from toppling.results.hazard.survival import toppling_rate
-from toppling.results.hazard.tree import (
-    Branch,
-    HazardTree,
-    branch_weights,
-    statistics,
-    weighted_fractile,
-)
+from toppling.results.hazard.tree import Branch, HazardTree, branch_weights, statistics, weighted_fractile
 from toppling.results.hazard.update import Update
 
 G = 9.80665

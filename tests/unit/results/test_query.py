@@ -1,6 +1,7 @@
-"""Queries answer with what the run has now."""
+"""Queries answer with what the run has now, within limits, and pool nothing that differs unasked."""
 
 import json
+import time
 
 import pyarrow as pa
 import pytest
@@ -220,3 +221,89 @@ def test_a_condition_may_ask_the_other_tables_and_own_files_if_trusted(run_folde
     assert set(run.frame(magnitude)["record_id"]) == {"R001", "R002"}
     mine = f"record_id in (select record_id from '{own}' where site = 'A')"
     assert set(run.frame(mine, trusted=True)["record_id"]) == {"R000"}
+
+
+@pytest.fixture
+def run(tmp_path):
+    write_part(tmp_path, [row("a", toppled=True), row("b", toppled=False)])
+    return open_run(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "query",
+    [
+        "select count(*) from range(100000000000) a, range(1000) b where a.range % 7 = b.range",
+        "with recursive t(n) as (select 1 union all select n + 1 from t where n > 0) select max(n) from t",
+        "select * from range(10000000000000)",
+    ],
+)
+def test_a_query_that_takes_too_long_is_stopped(run, monkeypatch, query):
+    monkeypatch.setattr(toppling.results.queries, "_TIME_S", 0.5)
+    began = time.monotonic()
+    with refused("query.too_large"):
+        run.sql(query)
+    assert time.monotonic() - began < 30.0
+
+
+@pytest.mark.parametrize(
+    "query",
+    [
+        "select list(range) from range(400000000)",
+        "select string_agg(repeat('x', 1000000), '') from range(100000)",
+        "select repeat('x', 100000) from range(100000)",
+    ],
+)
+def test_a_query_that_needs_too_much_memory_is_refused(run, monkeypatch, query):
+    monkeypatch.setattr(toppling.results.queries, "_MEMORY_BYTES", 64 << 20)
+    with refused("query.too_large"):
+        run.sql(query)
+
+
+def test_an_answer_within_the_limits_is_whole(run):
+    assert run.sql("select * from range(123456)").num_rows == 123456
+    assert run.sql("select job_id from results where false").column_names == ["job_id"]
+    assert len(run.frame("toppled")) == 1
+
+
+POOLED = (
+    "select level_pga_m_s2, avg(toppled::int) p, count(toppled) n from results group by all -- engine, 'run'"
+)
+
+
+def made(folder, **values):
+    folder.mkdir()
+    jobs = rows(records=2, levels=(1, 2), azimuths=(0.0,))
+    write_part(folder, [{**job, "physics_version": "15", **values} for job in jobs])
+    return open_run(folder)
+
+
+@pytest.mark.parametrize(
+    ("column", "other"),
+    [("engine", "mujoco"), ("preset", "fast"), ("scene_id", "another"), ("physics_version", "16")],
+)
+def test_rows_of_runs_that_differ_never_share_a_cell_unasked(tmp_path, column, other):
+    runs = [made(tmp_path / "a"), made(tmp_path / "b", **{column: other})]
+    with refused("query.runs_differ", column, other):
+        ask(runs, POOLED)
+    for name in (column, column.upper(), "run"):
+        assert len(ask(runs, f"select {name}, level_pga_m_s2 l, count(*) n from results group by all")) == 4
+    assert len(ask(runs, f"select count(*) n from results where {column} = '{other}'")) == 1
+    assert len(ask(runs, "select * from results")) == 8
+
+
+def test_runs_that_differ_in_two_columns_are_told_apart_by_both(tmp_path):
+    runs = [
+        made(tmp_path / "a"), made(tmp_path / "b", engine="mujoco"),
+        made(tmp_path / "c", engine="mujoco", preset="fast"),
+    ]  # fmt: skip
+    with refused("query.runs_differ"):
+        ask(runs, "select engine, count(*) n from results group by all")
+    assert len(ask(runs, "select engine, preset, count(*) n from results group by all")) == 3
+
+
+def test_runs_that_do_not_differ_and_other_tables_are_pooled(tmp_path):
+    assert ask([made(tmp_path / "a"), made(tmp_path / "b")], POOLED)["n"].to_pylist() == [4, 4]
+    runs = [open_run(tmp_path / "a"), made(tmp_path / "c", engine="mujoco")]
+    assert ask(runs, "select 1 one").to_pylist() == [{"one": 1}]
+    with refused("query.runs_differ"):
+        ask(runs, POOLED, trusted=True)

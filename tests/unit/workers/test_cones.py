@@ -20,31 +20,6 @@ def solve(contacts, friction, inverse_inertia, velocity, room):
     )
 
 
-def tall_block_on_facets(random, count, slope_deg):
-    """Feet of a block of .4 x .4 x 1.2 m, each with a normal that leans some way, and a velocity toward them."""
-    contacts = np.zeros(count, CONTACT)
-    feet = np.array([[0.2, 0.2, -0.6], [-0.2, 0.2, -0.6], [-0.2, -0.2, -0.6], [0.2, -0.2, -0.6]])
-    contacts["arm_m"] = feet[:count]
-    way, slope = random.uniform(0.0, 2.0 * np.pi, count), np.radians(random.uniform(0.0, slope_deg, count))
-    contacts["normal"] = np.column_stack(
-        [np.sin(slope) * np.cos(way), np.sin(slope) * np.sin(way), np.cos(slope)]
-    )
-    velocity = np.concatenate([random.normal(size=2) * 0.3, [-0.5], random.normal(size=3) * 0.3])
-    inertia = np.array([(0.16 + 1.44) / 12.0, (0.16 + 1.44) / 12.0, 0.32 / 12.0])
-    return contacts, velocity, np.diag(1.0 / inertia)
-
-
-def local(contacts, velocity):
-    """Normal impulses, tangential ones (n, 3), and the same of the velocities."""
-    normal = contacts["normal"]
-    u = velocity[:3] + np.cross(velocity[3:], contacts["arm_m"])
-    parts = []
-    for vector in (contacts["impulse"], u):
-        along = (vector * normal).sum(axis=1)
-        parts += [along, vector - along[:, None] * normal]
-    return parts
-
-
 MOST_CONTACTS = 12
 
 
@@ -160,27 +135,6 @@ def test_walls_that_close_on_a_rock_from_both_sides_have_no_answer():
     assert not solve(contacts, (0.8, 0.8), np.eye(3), np.zeros(6), solver_room(2))
 
 
-@pytest.mark.parametrize("friction", [(0.2, 0.2), (0.8, 0.8), (0.7, 0.5)])
-@pytest.mark.parametrize("count", [1, 2, 3, 4])
-def test_each_contact_is_open_sticks_or_slips_against_its_friction(count, friction):
-    random = np.random.default_rng(4)
-    for _ in range(60):
-        contacts, velocity, inverse = tall_block_on_facets(random, count, 20.0)
-        before = velocity.copy()
-        assert solve(contacts, friction, inverse, velocity, solver_room(count))
-        pressed, rubbed, parts, slips = local(contacts, velocity)
-        size, speed = np.linalg.norm(rubbed, axis=1), np.linalg.norm(slips, axis=1)
-        carries = pressed > 1e-12
-        assert (pressed >= 0.0).all()
-        assert (parts >= -1e-6).all()
-        assert np.abs(parts[carries]).max(initial=0.0) < 1e-6
-        assert (size <= friction[0] * pressed + 1e-9).all()
-        fast = carries & (speed > 1e-5)
-        assert size[fast] == pytest.approx(friction[1] * pressed[fast], rel=1e-6)
-        assert (rubbed[fast] * slips[fast]).sum(axis=1) == pytest.approx(-size[fast] * speed[fast], rel=1e-6)
-        assert velocity[:3] - before[:3] == pytest.approx(contacts["impulse"].sum(axis=0))
-
-
 def test_of_many_contacts_that_touch_the_few_that_carry_are_found():
     """A square slab that lands flat on a row of points: any share of the weight will do, and none may close."""
     contacts = np.zeros(40, CONTACT)
@@ -193,19 +147,6 @@ def test_of_many_contacts_that_touch_the_few_that_carry_are_found():
     assert np.abs(velocity).max() < 1e-6
 
 
-def test_what_is_held_by_least_squares_is_what_the_linear_programme_holds():
-    random = np.random.default_rng(8)
-    for _ in range(40):
-        contacts, _, _ = tall_block_on_facets(random, 4, 30.0)
-        columns = wrenches(contacts["arm_m"], contacts["normal"], 0.6)
-        weight, way = np.array([0.0, 0.0, -9.81]), np.append(random.normal(size=2), 0.0)
-        far = farthest_load(columns, weight, way, 0.65)
-        if far is None or not np.isfinite(far):
-            continue
-        loads = weight + np.outer([far - 1e-3, far + 1e-3], way)
-        assert are_held(columns, loads, 0.65).tolist() == [True, False]
-
-
 def random_cones(random, contacts):
     """Wrenches of contacts below a body of 1.3 m, whose normals lean up to 50 degrees."""
     arms = np.column_stack([random.uniform(-0.4, 0.4, (contacts, 2)), random.uniform(-0.7, -0.5, contacts)])
@@ -214,7 +155,7 @@ def random_cones(random, contacts):
 
 
 @pytest.mark.parametrize("contacts", [2, 3, 4, 6, 30, 200])
-def test_the_farthest_load_is_that_of_the_linear_programme_over_all_wrenches(contacts):
+def test_the_farthest_load_that_is_held_is_that_of_the_linear_programme_over_all_wrenches(contacts):
     random = np.random.default_rng(contacts)
     weight = np.array([0.0, 0.0, -9.81])
     for _ in range(20 if contacts < 100 else 2):
@@ -230,6 +171,9 @@ def test_the_farthest_load_is_that_of_the_linear_programme_over_all_wrenches(con
             assert far is None if solved.status == 2 else far == np.inf
             continue
         assert far == pytest.approx(solved.x[-1], rel=1e-6, abs=1e-6)
+        if contacts > 3:  # on fewer a single load may be all that is held
+            held = are_held(columns, weight + np.outer([far - 1e-3, far + 1e-3], way), 0.65)
+            assert held.tolist() == [True, False]
         assert farthest_load(columns, weight, way, 0.65, more_than=far + 1e-3) is None
         assert farthest_load(columns, weight, way, 0.65, more_than=far - 1e-3) == pytest.approx(far, rel=1e-6)
 

@@ -2,8 +2,6 @@
 
 import dataclasses
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -61,13 +59,3 @@ def test_an_engine_that_is_not_installed_is_refused_with_its_extra(monkeypatch, 
     monkeypatch.setitem(engines.ENGINES, "absent", absent)
     with refused("package.not_installed", "pip install 'toppling[absent]'"):
         shake(Scene.block(0.1, 0.1, 0.5), PUSH, engine="absent")
-
-
-def test_a_shake_writes_nothing_to_the_terminal():
-    program = (
-        "from toppling import Motion, Scene, shake; import numpy as np;"
-        "shake(Scene.block(0.1, 0.1, 0.5), Motion(np.full((50, 3), 3.0), 0.01))"
-    )
-    told = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert told.stdout == ""
-    assert "pybullet" not in told.stderr.casefold()

@@ -17,7 +17,7 @@ from toppling.models.rock import Rock
 from toppling.models.scene import Scene
 from toppling.models.shapes import box
 from toppling.workers.barrier import least_overturning_j_kg
-from toppling.workers.engines import DEFAULT, engine_named
+from toppling.workers.engines import DEFAULT, ENGINES, engine_named
 from toppling.workers.options import PRESETS
 from toppling.workers.problem import Problem
 from toppling.workers.shake import shake
@@ -43,28 +43,6 @@ def noise(seed, peak_m_s2, seconds=6.0):
 def fingerprint(result):
     way = result.trajectory
     return hashlib.sha256(way.position_m.tobytes() + way.quaternion_xyzw.tobytes()).hexdigest()
-
-
-def test_the_same_job_gives_the_same_bits_after_any_other():
-    tall, flat = Scene.block(0.2, 0.2, 0.6), Scene.block(0.5, 0.3, 0.4)
-    first = fingerprint(shake(tall, pulse(5.0), trajectory=True))
-    shake(flat, noise(1, 20.0))
-    shake(tall, pulse(9.0))
-    assert fingerprint(shake(tall, pulse(5.0), trajectory=True)) == first
-
-
-def test_a_motion_within_the_static_cone_takes_no_step():
-    scene = Scene.block(0.2, 0.2, 0.6, friction=0.8)
-    result = shake(scene, pulse(0.99 * G / 3))
-    assert (result.steps, result.ended_by, result.outcome) == (0, "never_moved", "stands")
-
-
-def test_a_motion_just_beyond_the_static_cone_lifts_the_rock():
-    result = shake(Scene.block(0.2, 0.2, 0.6), pulse(1.05 * G / 3))
-    assert result.steps > 0
-    assert (
-        result.max_tilt_deg > 0.005
-    )  # 5 % above lift-off for a tenth of a second turns it by a hundredth of a degree
 
 
 @pytest.mark.parametrize("preset", ["fast", "standard"])
@@ -169,14 +147,7 @@ def test_a_rock_let_go_near_its_balance_is_not_certain_before_it_has_come_down(s
 
 def test_a_peak_beyond_the_tilt_that_counts_as_toppled_holds_nothing():
     # A foot of half width .05 m, and a facet at 50 degrees on which the rock would lie toppled.
-    corners = [
-        (side * x, y, z)
-        for side in (1, -1)
-        for y in (-0.6, 0.6)
-        for x, z in ((0.05, 0.0), (0.6, 0.655), (0.3, 0.8))
-    ]
-    hull = trimesh.convex.convex_hull(np.array(corners))
-    scene = Scene.from_mesh((hull.vertices, hull.faces), friction=0.9)
+    scene = extruded(((0.05, 0.0), (0.6, 0.655), (0.3, 0.8)), 0.6, 0.9)
     height = scene.rock.com_m[2]
     edge = G * (np.hypot(0.05, height) - height)
     # The edge is passed between whole degrees of tilt.
@@ -186,6 +157,13 @@ def test_a_peak_beyond_the_tilt_that_counts_as_toppled_holds_nothing():
 def turned_block(half_sizes, turn_deg, slope_deg=0.0, **contact):
     rock = box(*half_sizes).moved(Rotation.from_euler("z", turn_deg, degrees=True).as_matrix())
     return Scene.from_mesh((rock.vertices_m, rock.faces), slope_deg=slope_deg, **contact)
+
+
+def extruded(section, half_depth, friction):
+    """The convex rock that is symmetrical about x = 0 over a section (x, z), drawn out along y."""
+    corners = [(side * x, y, z) for side in (1, -1) for y in (-half_depth, half_depth) for x, z in section]
+    hull = trimesh.convex.convex_hull(np.array(corners))
+    return Scene.from_mesh((hull.vertices, hull.faces), friction=friction)
 
 
 def over_the_edge(half_width, half_height, slope_deg=0.0):
@@ -281,10 +259,7 @@ def test_a_slab_that_a_slope_overturns_from_where_it_leans_is_not_called_standin
 @pytest.mark.parametrize("push_m_s2", [2.3, 2.6])
 def test_a_rock_that_falls_from_facet_to_facet_is_not_called_standing_on_its_way(push_m_s2):
     # Past its balance, and what it loses as it lands on a facet leaves it less energy than it had lying.
-    section = ((0.12, 0.0), (0.75, 0.3), (0.9, 0.56), (0.9, 2.2))
-    corners = [(side * a, y, b) for side in (1, -1) for y in (-1.5, 1.5) for a, b in section]
-    hull = trimesh.convex.convex_hull(np.array(corners))
-    scene = Scene.from_mesh((hull.vertices, hull.faces), friction=1.0)
+    scene = extruded(((0.12, 0.0), (0.75, 0.3), (0.9, 0.56), (0.9, 2.2)), 1.5, 1.0)
     push = Motion(np.outer([*np.full(50, -push_m_s2), 0.0], [1.0, 0.0, 0.0]), 0.005)
     short, whole = (shake(scene, push, "fast", shortcuts=s) for s in (True, False))
     assert whole.toppled
@@ -310,6 +285,24 @@ def test_a_slab_that_spins_flat_on_a_slope_has_turned_and_not_tilted(slope_deg):
     assert result.outcome == "moved"
     assert result.residual_yaw_deg > 45.0
     assert result.max_tilt_deg < 0.1
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_motion_within_the_static_cone_takes_no_step_and_one_just_beyond_it_lifts_the_rock(engine):
+    scene = Scene.block(0.2, 0.2, 0.6, friction=0.8)
+    result = shake(scene, pulse(0.99 * G / 3), engine=engine)
+    assert (result.steps, result.ended_by, result.outcome) == (0, "never_moved", "stands")
+    # 5 % above lift-off for a tenth of a second turns it by a hundredth of a degree.
+    assert shake(scene, pulse(1.05 * G / 3), engine=engine).max_tilt_deg > 0.005
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_the_same_job_gives_the_same_bits_after_any_other(engine):
+    tall, flat = Scene.block(0.2, 0.2, 0.6), Scene.block(0.5, 0.3, 0.4)
+    first = fingerprint(shake(tall, pulse(5.0), trajectory=True, engine=engine))
+    shake(flat, noise(1, 20.0), engine=engine)
+    shake(tall, pulse(9.0), engine=engine)
+    assert fingerprint(shake(tall, pulse(5.0), trajectory=True, engine=engine)) == first
 
 
 def test_a_rock_that_starts_turned_and_stays_so_has_not_moved():
@@ -407,11 +400,8 @@ def test_on_a_slope_the_point_of_no_return_is_the_highest_of_the_centre_of_mass(
 
 
 def test_a_rock_rolled_onto_its_next_face_passed_its_edge_then_and_not_as_it_was_rocked_there():
-    corners = [
-        (0.5 * np.cos(a), y, 0.5 * np.sin(a)) for a in np.deg2rad(np.arange(0, 360, 60)) for y in (-0.6, 0.6)
-    ]
-    hull = trimesh.convex.convex_hull(np.array(corners))
-    scene = Scene.from_mesh((hull.vertices, hull.faces), friction=1.5)
+    angles = np.deg2rad(np.arange(0, 360, 60))
+    scene = extruded(np.column_stack([0.5 * np.cos(angles), 0.5 * np.sin(angles)]), 0.6, 1.5)
     time, push = burst(2.0, 2.35, 8.6, until_s=15.0)
     push = push + np.where((time > 8.0) & (time < 14.0), 6.2 * np.sin(4.0 * np.pi * time), 0.0)
     result = shake(scene, along_x(push), trajectory=True)
@@ -427,10 +417,7 @@ def turned_deg(quaternion_xyzw):
 
 @pytest.mark.parametrize("push_m_s2", [4.5, 5.0, 5.5, 6.0])
 def test_a_rock_that_lands_on_its_next_face_within_a_look_had_begun_to_fall_before(push_m_s2):
-    section = ((0.2, 0.0), (0.55, 0.55), (0.55, 1.5))
-    corners = [(side * x, y, z) for side in (1, -1) for y in (-0.6, 0.6) for x, z in section]
-    hull = trimesh.convex.convex_hull(np.array(corners))
-    scene = Scene.from_mesh((hull.vertices, hull.faces), friction=1.0)
+    scene = extruded(((0.2, 0.0), (0.55, 0.55), (0.55, 1.5)), 0.6, 1.0)
     result = shake(scene, along_x(burst(0.5, 1.2, push_m_s2)[1]), trajectory=True)
     height = result.trajectory.position_m[:, 2]
     told = int(np.searchsorted(result.trajectory.time_s, result.topple_time_s))
@@ -484,10 +471,6 @@ def test_a_rock_off_its_surface_is_set_on_it(height_m):
     assert results[1].penetration_m < 1e-3 * seated.rock.half_diagonal_m
     # The same bits but for those of the height's sum.
     assert results[1].max_tilt_deg == pytest.approx(results[0].max_tilt_deg, rel=1e-6)
-
-
-def test_a_rock_far_off_its_surface_is_refused():
-    seated = Scene.block(0.2, 0.2, 0.6)
     with refused("rock.does_not_stand"):
         shake(replace(seated, rock=seated.rock.moved(np.eye(3), (0.0, 0.0, 0.3))), pulse(5.0))
 
@@ -501,44 +484,26 @@ def test_a_rock_that_still_slides_after_the_motion_slides_to_its_end():
     assert short == pytest.approx(whole, abs=1e-6)
 
 
-def test_no_point_sinks_by_more_than_a_thousandth_of_the_half_diagonal():
-    for scene in (Scene.block(0.2, 0.2, 0.6), Scene.block(0.5, 0.4, 0.3), Scene.block(3.0, 2.0, 7.0)):
-        for seed in range(4):
-            result = shake(scene, noise(seed, 15.0), shortcuts=False)
-            assert result.penetration_m < 1e-3 * scene.rock.half_diagonal_m
-
-
-def test_a_rock_that_slips_slides_farther_where_kinetic_friction_is_lower():
-    slip = {}
-    for kinetic in (0.5, 0.3, 0.1):
-        scene = Scene.block(0.5, 0.5, 0.2, friction=(0.5, kinetic))
-        assert shake(scene, pulse(4.5)).slip_m < 1e-4  # static friction holds
-        slip[kinetic] = shake(scene, pulse(7.0)).slip_m
-    assert slip[0.1] > slip[0.3] > slip[0.5] > 0.0
-
-
-@pytest.mark.parametrize("time_step", [0.0, -0.001, 1.0, float("nan")])
+@pytest.mark.parametrize("time_step", [0.0, -0.001, 0.05, 1.0, float("nan")])
 def test_a_step_that_resolves_nothing_is_refused(time_step):
     with refused("shake.step_out_of_range", time_step):
-        shake(Scene.block(0.2, 0.2, 0.6), pulse(5.0), time_step=time_step)
+        shake(Scene.block(0.02, 0.02, 0.06), pulse(5.0), time_step=time_step)
 
 
-def test_an_unknown_preset_is_refused():
-    with refused("engine.preset_unknown", "exact"):
-        shake(Scene.block(0.2, 0.2, 0.6), pulse(5.0), preset="exact")
-
-
-def test_a_rock_that_does_not_stand_is_refused():
-    rock = box(0.05, 0.05, 0.6)
-    with refused("rock.does_not_stand"):
-        shake(Scene.from_mesh((rock.vertices_m, rock.faces), slope_deg=20.0), pulse(5.0))
-
-
-def test_a_rock_over_which_the_ground_only_slides_has_moved():
-    result = shake(Scene.block(0.5, 0.5, 0.2, friction=0.3), pulse(8.0))
-    assert result.outcome == "moved"
-    assert result.slip_m > 0.01
-    assert result.max_tilt_deg < 0.1
+@pytest.mark.parametrize(
+    ("rock", "slope_deg", "options", "code"),
+    [
+        (box(0.05, 0.05, 0.6), 20.0, {}, "rock.does_not_stand"),
+        (box(0.2, 0.2, 0.6), 0.0, {"preset": "exact"}, "engine.preset_unknown"),
+        (box(0.2, 0.2, 0.6), 0.0, {"initial": {"position_m": (0, 0, 0.05)}}, "shake.starts_in_ground"),
+        (box(0.2, 0.2, 0.6), 0.0, {"engine": "newton"}, "engine.unknown"),
+        (box(0.2, 0.2, 0.6), 0.0, {"engine": "newton", "preset": PRESETS["fast"]}, "engine.unknown"),
+    ],
+)
+def test_what_cannot_be_shaken_is_refused_by_name(rock, slope_deg, options, code):
+    scene = Scene.from_mesh((rock.vertices_m, rock.faces), slope_deg=slope_deg)
+    with refused(code):
+        shake(scene, pulse(5.0), **options)
 
 
 @pytest.mark.parametrize(
@@ -553,12 +518,3 @@ def test_a_start_in_no_finite_state_is_refused(start):
     code = "shake.start_unknown" if "speed_m_s" in start else "shake.start_unusable"
     with refused(code, *start):
         shake(Scene.block(0.2, 0.2, 0.6), Motion(np.zeros((2, 3)), 0.01), "fast", initial=start)
-
-
-def test_a_rock_that_first_moves_late_topples_late():
-    still, push = np.zeros(26 * 200), np.full(150, 6.0)
-    acceleration = np.concatenate([still, push, -push, np.zeros(400)])
-    motion = Motion(np.outer(acceleration, [1.0, 0.0, 0.0]), 0.005)
-    result = shake(Scene.block(0.2, 0.2, 0.6), motion, "fast")
-    assert result.outcome == "toppled"
-    assert 26.0 < result.topple_time_s < 28.0

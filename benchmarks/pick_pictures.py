@@ -1,4 +1,4 @@
-"""The pictures of the pick page in the guide, by a real browser: `python tests/pick_pictures.py [DEMO]`.
+"""The pictures of the pick page in the guide, by a real browser: `python benchmarks/pick_pictures.py [DEMO]`.
 
 Draws pick_rock.webp and pick_crevice.webp into docs/figures.
 The clicks are true: the base of the demo's virtual rock is flush with its pedestal wherever the pictures show it.
@@ -11,8 +11,10 @@ import sys
 import tempfile
 from pathlib import Path
 
-from driven import Browser, browsing
 from PIL import Image
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+from driven import Browser, browsing
 
 FIGURES = Path(__file__).parents[1] / "docs" / "figures"
 SIZE = {"width": 1220, "height": 900}

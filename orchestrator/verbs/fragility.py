@@ -13,7 +13,7 @@ from toppling.orchestrator.public.fragility_figures import Fragility
 from toppling.orchestrator.public.fragility_figures import fragility as draw
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import of, option
-from toppling.results.analysis.fits import FEW_TOPPLED, HEADLINE_MEASURE, answered
+from toppling.results.analysis.fits import HEADLINE_MEASURE, answered
 from toppling.results.analysis.fragility import by_contact, contact_words
 from toppling.results.analysis.resampling import SAMPLES, narrowed_by
 from toppling.results.drawing.fit_figures import fit_words
@@ -78,8 +78,7 @@ def _print_result(drawn: Fragility, *, weighted: bool) -> None:
         resting = f"{contact_words(of_contact, jobs)}, {counted(len(known), 'job')} of {records}"
         click.echo(f"\nfragility by measure, {resting}:")
         click.echo(fit_words(drawn.fits[contact], known))
-        curves, toppled = drawn.curves[contact], int(known["toppled"].sum())
-        if curves and toppled >= FEW_TOPPLED:
+        if curves := drawn.curves[contact]:
             curve = curves.get(HEADLINE_MEASURE) or next(iter(curves.values()))
             click.echo(
                 what_topples(curve, contact_words(of_contact, jobs), drawn.run.on_one_base(of_contact))

@@ -23,7 +23,7 @@ from toppling.orchestrator.progress import duration, pace
 from toppling.orchestrator.status import state_of
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import browsing_options, served
-from toppling.results.analysis.fits import FEW_TOPPLED, HEADLINE_MEASURE, curve_over
+from toppling.results.analysis.fits import HEADLINE_MEASURE, curve_over
 from toppling.results.analysis.fragility import by_contact, cells, contact_words, planes_of
 from toppling.results.drawing.sentences import what_topples
 from toppling.results.drawing.templates import rendered
@@ -79,8 +79,6 @@ def _counts(state: dict[str, Any]) -> str:
 
 def _headline(run: Run, jobs: pd.DataFrame, among: pd.DataFrame) -> str:
     """First sentence of the report for a contact; empty while there are too few topplings."""
-    if (jobs["toppled"].fillna(value=False)).sum() < FEW_TOPPLED:
-        return ""
     curve = curve_over(jobs, HEADLINE_MEASURE)
     return what_topples(curve, contact_words(jobs, among), run.on_one_base(jobs)) if curve else ""
 

@@ -44,7 +44,7 @@ def out_of_fold(frame: pd.DataFrame, measures: Sequence[str]) -> pd.Series:
     fold = _folds_of(frame["record_id"], folds)
     for number in range(folds):
         test = np.flatnonzero(fold == number)
-        fitted = fit(frame.iloc[np.flatnonzero(fold != number)], measures)
+        fitted = fit(frame.iloc[np.flatnonzero(fold != number)], measures, least_toppled=1)
         standing, toppled = fitted.bounds
         if not fitted.problem:
             predicted.iloc[test] = fitted.probability(frame.iloc[test])
@@ -161,9 +161,6 @@ def _loss(truth: NDArray[np.bool_], predicted: Array) -> Array:
     safe = np.clip(predicted, 1e-15, 1 - 1e-15)
     return -np.log(np.where(truth, safe, 1 - safe))
 
-
-FEW_TOPPLED = 10
-"""Minimum number of topplings for a curve to be drawn and for measures to be ranked."""
 
 HEADLINE_MEASURE = "pgv_m_s"
 """Preferred measure of a run's summary, as in 'toppling constrain', because hazard curves of PGV exist."""

@@ -230,6 +230,9 @@ NEAR_TIE = 1e-6
 """Relative difference below which two intensities are equal: jobs of one level differ by rounding alone."""
 
 
+FEW_TOPPLED = 10
+"""Minimum number of topplings for a curve."""
+
 SURFACES = (("pga_m_s2", "pgv_m_s"), ("pga_m_s2", "pgv_pga_s"))
 """Pairs of measures that are fitted jointly. On logarithms both are the same model; both are plotted."""
 
@@ -283,15 +286,17 @@ class Fit:
         return LINKS[self.link](design_of(frame, self.measures) @ np.array(self.coefficients))
 
 
-def fit(frame: pd.DataFrame, measures: Sequence[str], link: str = "probit") -> Fit:
+def fit(
+    frame: pd.DataFrame, measures: Sequence[str], link: str = "probit", least_toppled: int = FEW_TOPPLED
+) -> Fit:
     """Fit toppling probability to one or several intensity measures by maximum likelihood.
 
     frame: rows of results with an answer (`answered`).
     measures: columns, each positive throughout.
     link: probit or logit.
     Returns Fit: with a `problem` instead of coefficients where the maximum does not exist (one answer only, or answers
-    that a threshold separates, but for those at it: Albert and Anderson 1984), or where probability does not rise with
-    the one measure.
+    that a threshold separates, but for those at it: Albert and Anderson 1984), where probability does not rise with
+    the one measure, or where too few jobs topple for a curve to be stated.
     """
     names = tuple(measures)
     toppled = frame["toppled"].to_numpy(bool)
@@ -310,6 +315,9 @@ def fit(frame: pd.DataFrame, measures: Sequence[str], link: str = "probit") -> F
         return Fit(**counts, coefficients=(), problem="the fit does not converge")
     if is_flat(coefficients):
         return Fit(**counts, coefficients=(), problem="probability does not rise with the measure")
+    if counts["toppled"] < least_toppled:
+        few = f"{counts['toppled']} of {len(frame)} jobs topple, fewer than {least_toppled}"
+        return Fit(**counts, coefficients=(), problem=few)
     return Fit(**counts, coefficients=tuple(float(value) for value in coefficients))
 
 

@@ -190,7 +190,7 @@ def reference_lines(simulated: pd.DataFrame) -> pd.DataFrame:
     """
     lines = [pd.DataFrame(columns=["azimuth_deg", "pgv_pga_s", "probability", "pga_m_s2"], dtype=float)]
     for azimuth, jobs in simulated.groupby("azimuth_deg"):
-        fitted: Fit = fit(jobs, _MEASURES)
+        fitted: Fit = fit(jobs, _MEASURES, least_toppled=1)
         # The answers of few records may be separated by a line: a softened fit then gives a finite, steep curve.
         coefficients = softened(jobs, _MEASURES) if fitted.problem else fitted.coefficients
         if coefficients is None or coefficients[1] <= 0:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.frames import horizontal_unit_vector
-from toppling.results.analysis.fits import FEW_TOPPLED, answered, curve_over
+from toppling.results.analysis.fits import answered, curve_over
 from toppling.results.analysis.fragility import chief, contact_words, named, topple_rose, weakest
 from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.analysis.resampling import SAMPLES
@@ -164,8 +164,7 @@ def _rock_results(run: Run, contact: str, jobs: pd.DataFrame, measure: str, samp
     if len(known):
         toppled = int(known["toppled"].sum())
         why_not = f"{toppled} of {len(known)} jobs toppled it"
-        if toppled >= FEW_TOPPLED:
-            curve = curve_over(jobs, measure, samples, run.completeness())
+        curve = curve_over(jobs, measure, samples, run.completeness())
         why_not = "" if curve else why_not
     azimuth_deg, least_m_s2 = weakest(run.quasi_static()) or (None, None)
     found = on_earth(run)

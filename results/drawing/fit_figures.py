@@ -14,7 +14,6 @@ from scipy.special import ndtr, ndtri
 
 from toppling.models.arrays import Array
 from toppling.models.motions.measures import COMPARED
-from toppling.results.analysis.fits import FEW_TOPPLED
 from toppling.results.analysis.lognormal import Lognormal, Surface
 from toppling.results.analysis.resampling import LEAST_RECORDS
 from toppling.results.drawing.style import (
@@ -41,17 +40,14 @@ def fit_figure(
     observed: pd.DataFrame,
     ranking: pd.DataFrame,
     calibrated: pd.DataFrame,
-    toppled: int | None = None,
     width_in: float = FULL_WIDTH_IN,
 ) -> Figure:
     """Fragility of one measure with its interval, ranking of the measures, and calibration of the predictions.
 
     observed, ranking, calibrated: from `analysis.ranking`: observed_fractions, compare_measures, calibration.
-    toppled: number of topplings, if known: with too few the measures are not ranked.
     width_in: width of the figure; three panels in a row at full width, stacked at less.
     """
     in_row = width_in >= FULL_WIDTH_IN
-    too_few = toppled is not None and toppled < FEW_TOPPLED
     with style():
         figure = Figure(figsize=(width_in, 2.75) if in_row else (width_in, 7.6))
         shape, room = (
@@ -63,13 +59,9 @@ def fit_figure(
         caption = (" " if in_row else "\n").join(_FIT_CAPTION)
         figure.text(0.5, 0.008, caption, ha="center", va="bottom", size=6.5, color="0.25")
         draw_curve(left, curve, observed)
-        if too_few:
-            left.set_title(f"too few topplings for a curve ({toppled})")
-            _say_too_few(middle, toppled)
-        else:
-            median = within(curve.median, curve.strongest_shaken)
-            left.set_title(f"median {median} {printed_unit(curve.measure)}, beta {curve.beta:.2f}")
-            _draw_ranking(middle, ranking)
+        median = within(curve.median, curve.strongest_shaken)
+        left.set_title(f"median {median} {printed_unit(curve.measure)}, beta {curve.beta:.2f}")
+        _draw_ranking(middle, ranking)
         middle.set_title("which measure predicts best")
         _draw_calibration(right, calibrated)
     return figure
@@ -102,14 +94,6 @@ def draw_fractions(axes: Axes, table: pd.DataFrame, x: str, share: str, **dots: 
     """Draw fractions as dots with their intervals."""
     ends = table[["wilson_low", "wilson_high"]].to_numpy().T
     axes.errorbar(table[x], table[share], np.abs(ends - table[share].to_numpy()), **dots)
-
-
-def _say_too_few(axes: Axes, toppled: int | None) -> None:
-    axes.text(
-        0.5, 0.5, f"too few topplings:\n{toppled}, fewer than {FEW_TOPPLED}", transform=axes.transAxes, ha="center",
-        va="center", color="0.3",
-    )  # fmt: skip
-    axes.set(xticks=[], yticks=[])
 
 
 def _draw_ranking(axes: Axes, ranking: pd.DataFrame) -> None:

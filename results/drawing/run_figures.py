@@ -188,7 +188,7 @@ def _write_contact(
         calibrated = fits.calibration(contact.known, fits.out_of_fold(contact.known, [chosen.measure]))
         yield write_csv(calibrated, target / "calibration.csv")
         observed = fits.observed_fractions(contact.known, chosen.measure)
-        figure = fit_figure(chosen, observed, contact.ranking, calibrated, contact.toppled)
+        figure = fit_figure(chosen, observed, contact.ranking, calibrated)
         yield from save(figure, target / "fits", _remark(run))
 
 

@@ -25,6 +25,8 @@ from toppling.models.files.table import Table
 
 _AGE_SAMPLES = 400
 """Number of equally likely years that represent an age."""
+_EARTH_YEARS = 4.54e9
+"""Age of the Earth: no rock has stood longer."""
 _LARGEST_BYTES = 10_000_000
 """Largest file of ages that is read, bytes."""
 
@@ -102,13 +104,13 @@ def parse_age(text: str, where: str = "--age", files: bool = True) -> Array:
         raise
     except ValueError:
         ages = np.array([math.nan])
-    if not (len(ages) and np.isfinite(ages).all() and (ages > 0).all()):
+    if not (len(ages) and np.isfinite(ages).all() and (ages > 0).all() and (ages <= _EARTH_YEARS).all()):
         raise InputError(
             "age.unreadable",
             what=f"{text!r} is no age",
             where=where,
-            expected="years above zero: 20000, 20 ka, 15000..30000, 20000+-3000, 20000*/1.2, or a CSV of ages; an "
-            "uncertainty in the unit of its age and of its size",
+            expected=f"years above zero, at most {_EARTH_YEARS:.3g} (the Earth's): 20000, 20 ka, 15000..30000, "
+            "20000+-3000, 20000*/1.2, or a CSV of ages; an uncertainty in the unit of its age and of its size",
             remedy="leave --age out for the statement about a single event",
         )
     return ages

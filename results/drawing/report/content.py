@@ -29,9 +29,7 @@ class Contact(fits.ContactFits):
 
     @property
     def headline(self) -> Lognormal | None:
-        """Curve that the report begins with; None where too few topple for one."""
-        if self.toppled < fits.FEW_TOPPLED:
-            return None
+        """Curve that the report begins with; None where there is none."""
         return self.curves.get(fits.HEADLINE_MEASURE) or self.best
 
 
@@ -100,7 +98,7 @@ class Content:
         """The chief contact's rock, over the hazard's measure or the headline's; None where that has no fit."""
         chief = self.chief
         curve = chief.curves.get(self.tree.measure) if self.tree else chief.headline
-        if curve is None or chief.toppled < fits.FEW_TOPPLED:
+        if curve is None:
             return None
         return Standing(self.run.rock, curve, age=self.age)
 

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from toppling.models.errors import counted
 from toppling.results.analysis.audit_statistics import audits_of
-from toppling.results.analysis.fits import FEW_TOPPLED, observed_fractions
+from toppling.results.analysis.fits import observed_fractions
 from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.analysis.resampling import narrowed_by
 from toppling.results.analysis.unphysical import unphysical_of
@@ -100,8 +100,6 @@ def _half_at(curve: Lognormal) -> str:
 
 
 def _no_curve(contact: Contact) -> str:
-    if contact.toppled < FEW_TOPPLED:
-        return f"fewer than {FEW_TOPPLED} topplings are too few for a curve."
     problems = [one.problem for one in contact.models if one.problem]
     return f"no curve can be fitted ({problems[0]})." if problems else "no curve can be fitted."
 

@@ -21,6 +21,7 @@ from toppling.results.analysis.fragility import (
     sector_share,
     topple_rose,
 )
+from toppling.results.analysis.lognormal import FEW_TOPPLED
 from toppling.results.drawing.fit_figures import few_records, fit_figure, fit_table
 from toppling.results.drawing.maps import friction_figure, map_figure
 from toppling.results.drawing.record_figures import records_figure
@@ -318,9 +319,9 @@ def _fits_section(content: Content, document: Document) -> list[Block]:
     """Of the same contact."""
     contact = content.chief
     few = few_records(contact.known["record_id"].nunique())
-    if contact.toppled < fits.FEW_TOPPLED:
+    if contact.toppled < FEW_TOPPLED:
         return [
-            f"Too few topplings: {contact.toppled} of {len(contact.known):,} jobs, fewer than {fits.FEW_TOPPLED}. "
+            f"Too few topplings: {contact.toppled} of {len(contact.known):,} jobs, fewer than {FEW_TOPPLED}. "
             f"No curve is drawn and no measure is ranked; shake more strongly, or with more records. {few}".rstrip()
         ]
     summary = fits.summary(contact.models)
@@ -328,7 +329,7 @@ def _fits_section(content: Content, document: Document) -> list[Block]:
     if (curve := contact.best) is not None:
         calibrated = fits.calibration(contact.known, fits.out_of_fold(contact.known, [curve.measure]))
         observed = fits.observed_fractions(contact.known, curve.measure)
-        data = curve, observed, contact.ranking, calibrated, contact.toppled
+        data = curve, observed, contact.ranking, calibrated
         caption = (
             f"Left: lognormal fragility over {short_name(curve.measure)}, the measure that predicts best "
             f"({contact.words}), with its 95 % band. Middle: how much worse the others predict records left out "

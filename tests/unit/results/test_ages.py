@@ -40,7 +40,7 @@ def test_distributions_have_their_moments():
     ["old", "-5", "0..10x", "1+-", "8000+-0", "8000+--300", "15-30,000", "15000 14C yr BP", "AD 1872", ">15 ka",
      "15 ka (2σ)", "15±2 ka (3σ)", "500 a - 15 ka", "15-30 ka", "~15 ka", "15,000", "15.000", "15.000..30.000", "1.500",
      "15 ka ± 2 ka", "13.2 cal ka BP", "0.1 Ma", "20000*/0.9", "30000..15000", "nan", "inf", "1..inf", "20000+-nan",
-     "8000:1.5"],
+     "8000:1.5", "4.6e9", "1e12", "4.5e9+-1e9"],
 )  # fmt: skip
 def test_an_age_that_is_no_number_of_years_is_refused(text):
     with refused("age.unreadable"):

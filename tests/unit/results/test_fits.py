@@ -11,15 +11,24 @@ from statsmodels.genmod.families.links import Logit, Probit
 from statsmodels.genmod.generalized_linear_model import GLM
 
 from toppling.results.analysis.fits import (
+    ContactFits,
     answered,
     calibration,
     compare_measures,
+    curve_over,
     observed_fractions,
     out_of_fold,
     scores,
 )
 from toppling.results.analysis.fragility import wilson
-from toppling.results.analysis.lognormal import Lognormal, design_of, fit, grouped, lognormal_interval
+from toppling.results.analysis.lognormal import (
+    FEW_TOPPLED,
+    Lognormal,
+    design_of,
+    fit,
+    grouped,
+    lognormal_interval,
+)
 from toppling.results.analysis.resampling import bootstrap, refitted
 from toppling.results.schema import SCHEMA
 
@@ -105,9 +114,9 @@ def test_the_measure_that_made_the_answers_predicts_best(jobs):
 def test_each_job_is_predicted_by_a_fit_to_other_records(jobs, monkeypatch):
     held_out = []
 
-    def seen(frame, *rest):
+    def seen(frame, *rest, **options):
         held_out.append(set(jobs["record_id"]) - set(frame["record_id"]))
-        return fit(frame, *rest)
+        return fit(frame, *rest, **options)
 
     monkeypatch.setattr("toppling.results.analysis.fits.fit", seen)
     predicted = out_of_fold(jobs, ["pgv_m_s"])
@@ -116,6 +125,14 @@ def test_each_job_is_predicted_by_a_fit_to_other_records(jobs, monkeypatch):
         inside = jobs["record_id"].isin(held)
         others = fit(jobs[~inside], ["pgv_m_s"])
         np.testing.assert_array_equal(predicted[inside], others.probability(jobs[inside]))
+
+
+@pytest.mark.parametrize("toppled", [FEW_TOPPLED - 1, FEW_TOPPLED])
+def test_report_and_constraint_have_a_curve_from_the_same_number_of_topplings_on(jobs, toppled):
+    few = pd.concat([jobs[~jobs["toppled"]], jobs[jobs["toppled"]].sample(toppled, random_state=1)])
+    curves = curve_over(few, "pgv_m_s", 2), ContactFits(few, 2).curves.get("pgv_m_s")
+    assert [curve is not None for curve in curves] == 2 * [toppled == FEW_TOPPLED]
+    assert out_of_fold(few, ["pgv_m_s"]).notna().all()
 
 
 def test_samples_whose_answers_are_separated_have_no_fit():
@@ -136,7 +153,7 @@ def test_samples_whose_answers_are_separated_have_no_fit():
 
 def test_a_sample_without_a_fit_is_a_curve_that_never_topples_in_its_place():
     frame = answered(pd.DataFrame(rows(records=24, levels=(2, 3, 4), seed=4), columns=SCHEMA.names))
-    resampled = bootstrap(frame, fit(frame, ["pgv_m_s"]))
+    resampled = bootstrap(frame, fit(frame, ["pgv_m_s"], least_toppled=1))
     curves = resampled.lognormals("pgv_m_s")
     assert 0 < resampled.without_fit < len(curves) == 200
     assert [math.isinf(curve.median) for curve in curves] == list(~resampled.fitted)

@@ -64,3 +64,15 @@ def face(u, v, origin, normal, step_m=0.012):
     ways = [np.asarray(each) / np.linalg.norm(each) for each in (u, v)]
     points = np.asarray(origin) + a.reshape(-1, 1) * ways[0] + b.reshape(-1, 1) * ways[1]
     return points, np.tile(np.asarray(normal, float) / np.linalg.norm(normal), (len(points), 1))
+
+
+def level(half_m, step_m, height_m=0.0):
+    """Points (n, 3) of a level square about the origin."""
+    along = np.arange(-half_m, half_m, step_m)
+    x, y = (each.ravel() for each in np.meshgrid(along, along))
+    return np.column_stack([x, y, np.full(len(x), height_m)])
+
+
+def upward(points, voxel_m=VOXEL_M):
+    """Patches that all face upward."""
+    return Surfels(points, np.tile([0.0, 0.0, 1.0], (len(points), 1)), np.zeros(len(points)), voxel_m)

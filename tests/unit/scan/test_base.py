@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
-from patches import LEVEL
+from patches import LEVEL, level, upward
 
 from toppling.models.hidden_base.near_interface import NearInterface
 from toppling.models.hidden_base.underside import Base, Underside, hidden_base
@@ -32,14 +32,8 @@ def side(gap_deg=0.0, rim_m=0.0):
 
 
 def ground_around():
-    along = np.arange(-0.9, 0.9, SPACING_M)
-    x, y = (each.ravel() for each in np.meshgrid(along, along))
-    beside = np.hypot(x, y) > RADIUS_M
-    return np.column_stack([x, y, np.zeros(len(x))])[beside]
-
-
-def true_area():
-    return np.pi * RADIUS_M**2
+    points = level(0.9, SPACING_M)
+    return points[np.hypot(*points[:, :2].T) > RADIUS_M]
 
 
 @pytest.mark.parametrize("gap_deg", [0.0, 90.0])
@@ -47,7 +41,7 @@ def test_a_flat_base_is_flat_even_where_a_wall_hides_a_quarter_of_its_rim(gap_de
     base = hidden_base(NearInterface(side(gap_deg), ground_around(), HEIGHT_M))
     resting = (base.height_m == 0.0) & base.hidden
     # The rim is known to a cell of 0.01 m, 4 % of the area; the chord of a quarter would cut off 9 %.
-    assert resting.sum() * base.grid.cell_m**2 == pytest.approx(true_area(), rel=0.04)
+    assert resting.sum() * base.grid.cell_m**2 == pytest.approx(np.pi * RADIUS_M**2, rel=0.04)
 
 
 def test_scattered_strays_below_the_rock_change_nothing_away_from_them():
@@ -63,11 +57,9 @@ def test_scattered_strays_below_the_rock_change_nothing_away_from_them():
 def test_a_cliff_beside_the_base_takes_no_support_away():
     """The pedestal ends 5 mm beside a block's edge, less than a cell of its mesh: the block tips over its own edge."""
     rock = box(0.51, 0.4, 1.0).moved(np.eye(3), (0.0, 0.0, 1.0))
-    along = np.arange(-2.0, 2.0, 0.02)
-    x, y = (each.ravel() for each in np.meshgrid(along, along))
-    points = np.column_stack([x, y, np.where(x < 0.515, 0.0, -1.0)])
-    surfels = Surfels(points, np.tile([0.0, 0.0, 1.0], (len(x), 1)), np.zeros(len(x)), 0.02)
-    found = pedestal_ground(surfels, np.ones(len(x), bool), rock, LEVEL)
+    points = level(2.0, 0.02)
+    points[points[:, 0] > 0.515, 2] = -1.0
+    found = pedestal_ground(upward(points), np.ones(len(points), bool), rock, LEVEL)
     azimuths = np.arange(0.0, 360.0, 15.0)
     on_surface, on_plane = (
         np.array(quasi_static_toppling_m_s2(rock, pedestal, 9.81, azimuths))[:, 1]
@@ -79,12 +71,9 @@ def test_a_cliff_beside_the_base_takes_no_support_away():
 
 def test_strays_beside_the_rock_raise_no_spikes_on_the_pedestal():
     rock = box(0.5, 0.4, 1.0).moved(np.eye(3), (0.0, 0.0, 1.0))
-    along = np.arange(-2.0, 2.0, 0.02)
-    x, y = (each.ravel() for each in np.meshgrid(along, along))
     strays = np.random.default_rng(2).uniform([-0.8, 0.5, 0.005], [0.8, 0.8, 0.2], (20, 3))
-    points = np.vstack([np.column_stack([x, y, np.zeros(len(x))]), strays])
-    surfels = Surfels(points, np.tile([0.0, 0.0, 1.0], (len(points), 1)), np.zeros(len(points)), 0.02)
-    found = pedestal_ground(surfels, np.ones(len(points), bool), rock, LEVEL)
+    points = np.vstack([level(2.0, 0.02), strays])
+    found = pedestal_ground(upward(points), np.ones(len(points), bool), rock, LEVEL)
     assert np.abs(found.pedestal.vertices_m[:, 2]).max() < 1e-3
 
 
@@ -95,11 +84,9 @@ def test_a_bump_seen_below_a_wide_flat_face_does_not_reach_into_the_rock():
         [foot.apply_translation([0, 0, 0.05]), block.apply_translation([0, 0, 0.52])]
     )
     rock = Rock.from_triangles(mesh.vertices, mesh.faces)
-    along = np.arange(-2.0, 2.0, 0.02)
-    x, y = (each.ravel() for each in np.meshgrid(along, along))
-    points = np.column_stack([x, y, 0.023 * np.exp(-((x - 0.55) ** 2 + y**2) / 0.01)])
-    surfels = Surfels(points, np.tile([0.0, 0.0, 1.0], (len(x), 1)), np.zeros(len(x)), 0.02)
-    found = pedestal_ground(surfels, np.ones(len(x), bool), rock, LEVEL)
+    points = level(2.0, 0.02)
+    points[:, 2] = 0.023 * np.exp(-((points[:, 0] - 0.55) ** 2 + points[:, 1] ** 2) / 0.01)
+    found = pedestal_ground(upward(points), np.ones(len(points), bool), rock, LEVEL)
     assert contact_feet_m(rock, found.pedestal)[:, 2].min() > -1e-9
 
 

@@ -4,7 +4,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from patches import LEVEL
+from patches import LEVEL, level
 from refusals import refused
 
 from toppling.models.hidden_base.inspection import Inspection
@@ -31,9 +31,8 @@ def sides_of(half_m, low_m, high_m, middle_m=(0.0, 0.0), pitch_m=VOXEL_M):
 
 
 def top():
-    along = np.arange(-HALF_M, HALF_M, VOXEL_M)
-    x, y = (each.ravel() for each in np.meshgrid(along, along))
-    return np.column_stack([x, y, np.full(len(x), HEIGHT_M)]), np.tile([0.0, 0.0, 1.0], (len(x), 1))
+    points = level(HALF_M, VOXEL_M, HEIGHT_M)
+    return points, np.tile([0.0, 0.0, 1.0], (len(points), 1))
 
 
 def feet(pitch_m=VOXEL_M):
@@ -49,13 +48,12 @@ def slabs(pitch_m=VOXEL_M):
 
 def ground(below, on_slabs=False):
     """Points of the pedestal beside a block, and below it but for its feet."""
-    along = np.arange(-0.8, 0.8, 0.006)
-    x, y = (each.ravel() for each in np.meshgrid(along, along))
-    deep = np.minimum(np.abs(np.column_stack([x, y])), HALF_M + 1.0)
+    points = level(0.8, 0.006)
+    deep = np.abs(points[:, :2])
     under = (deep < HALF_M).all(axis=1)
     foot = (deep[:, : 1 if on_slabs else 2] > HALF_M - FOOT_M).all(axis=1) & under
     kept = ~foot if below else ~under
-    return np.column_stack([x, y, np.zeros(len(x))])[kept]
+    return points[kept]
 
 
 @pytest.mark.thorough
@@ -82,11 +80,7 @@ def test_one_sees_through_between_feet_alone(below):
 
 
 def test_a_rock_that_hangs_over_a_pedestal_seen_all_below_it_touches_nowhere():
-    along = np.arange(-HALF_M, HALF_M, 0.006)
-    x, y = (each.ravel() for each in np.meshgrid(along, along))
-    underside, level = np.column_stack([x, y, np.full(len(x), 0.02)]), np.arange(-0.8, 0.8, 0.006)
-    u, v = (each.ravel() for each in np.meshgrid(level, level))
-    near = NearInterface(underside, np.column_stack([u, v, np.zeros(len(u))]), HEIGHT_M)
+    near = NearInterface(level(HALF_M, 0.006, 0.02), level(0.8, 0.006), HEIGHT_M)
     with refused("base.nothing_hidden", "0.02"):
         hidden_part(Underside.of(near), near, Inspection(), LEVEL)
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from patches import level
 from refusals import refused
 
 from toppling.models.hidden_base.near_interface import NearInterface
@@ -19,9 +20,8 @@ def level_at(height_m):
 
 def sheet(height_m, apart_m=0.02):
     """Ground of 2 m by 2 m, and a little noise."""
-    along = np.arange(-1.0, 1.0, apart_m)
-    x, y = (each.ravel() for each in np.meshgrid(along, along))
-    return np.column_stack([x, y, height_m + np.random.default_rng(1).normal(0.0, 1e-3, len(x))])
+    points = level(1.0, apart_m)
+    return points + np.outer(np.random.default_rng(1).normal(height_m, 1e-3, len(points)), [0.0, 0.0, 1.0])
 
 
 def side(low_m, high_m):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from patches import level
 
 from toppling.models.frames import plane_normal
 from toppling.models.scan.interface_hint import InterfaceHint, points_text, seen_about_points
@@ -20,7 +21,7 @@ def on_the_slope(x, y):
 
 def column_on_the_slope(bumps_m=0.0):
     """Patches of a column on a slope, whose foot and pedestal were seen all around, and which are the column's."""
-    x, y = (each.ravel() for each in np.meshgrid(*[np.arange(-1.0, 1.0, PATCH_M)] * 2))
+    x, y, _ = level(1.0, PATCH_M).T
     ground = on_the_slope(x, y)[np.hypot(x, y) > RADIUS_M]
     ground[:, 2] += bumps_m * np.random.default_rng(3).normal(size=len(ground))
     turn = np.arange(0.0, 2.0 * np.pi, PATCH_M / RADIUS_M)

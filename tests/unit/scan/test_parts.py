@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from cloud_samples import las, ply, read
+from patches import level
 from refusals import refused
 
 from toppling.models.scan import virtual
@@ -97,9 +98,7 @@ def test_points_that_are_not_finite_shift_no_label(parted):
 
 @pytest.mark.parametrize("apart_m", [0.2, 30.0])
 def test_a_rock_that_lies_apart_from_its_pedestal_is_refused_as_that(apart_m):
-    along = np.linspace(-1.5, 1.5, 151)
-    x, y = (each.ravel() for each in np.meshgrid(along, along))
-    pedestal = np.column_stack([x, y, np.zeros(len(x))])
+    pedestal = level(1.51, 0.02)
     rock = np.random.default_rng(1).uniform(-1.0, 1.0, (20_000, 3))
     rock = 0.5 * rock / np.abs(rock).max(axis=1, keepdims=True) + [0.0, 0.0, 0.5 + apart_m]
     label = np.repeat(np.array([PEDESTAL, ROCK], np.int8), [len(pedestal), len(rock)])

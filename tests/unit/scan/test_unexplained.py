@@ -13,6 +13,7 @@ from toppling.models.scan.choice import choose
 from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.interface import fit_interface
 from toppling.models.scan.interface_hint import hint_of
+from toppling.models.scan.measure import check_above
 from toppling.models.scan.scan_warnings import check_seen_enough, unseen_range, warnings_of
 from toppling.models.scan.surfels import Surfels
 from toppling.models.scan.survey import survey
@@ -110,14 +111,15 @@ def test_a_rock_whose_weight_lies_beside_its_base_is_refused():
     lifted = turned.moved(np.eye(3), np.array([0.0, 0.0, -turned.vertices_m[:, 2].min()]))
     observed = seen_of(BLOCK, ground())
     with refused("rock.outside_support"):
-        warnings_of(
-            observed,
-            LEVEL,
-            ClosedRock(lifted, 1.0, 0.0, 0.0, 0.0),
-            lifted.vertices_m,
-            np.zeros(8),
-            np.zeros(3),
-        )
+        closed = ClosedRock(lifted, 1.0, 0.0, 0.0, 0.0)
+        warnings_of(observed, LEVEL, closed, lifted.vertices_m, np.zeros(8), np.zeros(3))
+
+
+def test_a_rock_of_which_a_side_hangs_below_its_interface_is_refused():
+    check_above(seen_of(BLOCK, ground()), LEVEL)
+    hanging = together(BLOCK, box((0.25, -0.25, -0.3), (0.6, 0.25, 0.9)))
+    with refused("rock.hangs_below_interface", "0.2"):
+        check_above(seen_of(hanging, ground()), LEVEL)
 
 
 @pytest.mark.parametrize(("off_m", "told"), [(0.001, False), (0.01, True)])

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from patches import level
 
 from toppling.models.hidden_base.gap import BaseObservation, Relief, draw_gaps
 from toppling.models.hidden_base.near_interface import DRAWN, SIDE_TANGENT, NearInterface, UnseenSide
@@ -31,12 +32,11 @@ def side(unseen_deg, **axes):
 
 def ground(unseen_deg):
     """Points of a level pedestal beside the rock, but for the shadow behind it."""
-    along = np.arange(-1.5, 1.5, PITCH_M)
-    x, y = (each.ravel() for each in np.meshgrid(along, along))
-    offset = np.column_stack([x, y]) - CENTRE_M
+    points = level(1.5, PITCH_M)
+    offset = points[:, :2] - CENTRE_M
     shadow = np.abs(np.rad2deg(np.arctan2(offset[:, 1], offset[:, 0]))) < 0.5 * unseen_deg
     lit = (np.hypot(*offset.T) > 0.46) & ~shadow
-    return np.column_stack([x, y, np.zeros(len(x))])[lit]
+    return points[lit]
 
 
 def in_range_deg(unseen_deg):

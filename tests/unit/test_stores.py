@@ -1,9 +1,15 @@
-"""A folder in an object store has a copy here; both are carried whole, against a server that is real."""
+"""A folder in an object store has a copy here: carried whole, and written by one process until another takes over."""
+
+import contextlib
+import io
+import threading
 
 import pytest
 from refusals import refused
 
-from toppling.models.files.stores import Copy, Store, address_of, at_hand, azure_arguments, is_store
+from toppling.models.errors import InputError
+from toppling.models.files import stores as module
+from toppling.models.files.stores import CLAIM, Copy, Store, address_of, at_hand, azure_arguments, is_store
 
 
 @pytest.fixture
@@ -126,3 +132,210 @@ def test_addresses_of_stores_are_told_from_paths(path):
     assert is_store(path)
     assert address_of(path).startswith(path.partition(":")[0].lower() + "://")
     assert not is_store("runs/" + path)
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch):
+    monkeypatch.setattr(module, "_PAUSE_S", 0.05)
+
+
+@pytest.fixture
+def machine(address, tmp_path):
+    """The copy of the folder on a machine, as a new process there has it."""
+    return lambda name: Copy(address, tmp_path / name / "run")
+
+
+def there(address):
+    store = Store(address)
+    return {name: store.read(name).decode() for name in store.objects() if name != CLAIM}
+
+
+def killed(copy, **files):
+    """Leave the store as a process that is killed after some files were carried."""
+    stopped = copy.kept_up()
+    stopped.__enter__()
+    write(copy, **files)
+    copy.push()
+    copy._claim._text = b"of a process that is no more"  # nothing more is put, nothing released
+    with refused("store.taken_over"):
+        stopped.__exit__(None, None, None)
+    assert Store(copy.address).holds(CLAIM)
+
+
+def test_while_one_writes_every_other_is_refused_by_who_writes_and_the_way_to_take_over(machine, address):
+    with machine("first").kept_up():
+        for name in ("first", "second"):
+            with (
+                refused("store.written_by_another", address, machine(name).writer(), "--take-over"),
+                machine(name).kept_up(),
+            ):
+                pass
+    with machine("second").kept_up():
+        pass
+    assert not Store(address).holds(CLAIM)
+
+
+def test_of_many_that_come_at_once_exactly_one_writes(machine):
+    won, refused, start = [], [], threading.Barrier(6)
+    done = threading.Barrier(6)
+
+    def come(name):
+        copy = machine(name)
+        start.wait()
+        try:
+            with copy.kept_up():
+                won.append(name)
+                done.wait()
+        except InputError:
+            refused.append(name)
+            done.wait()
+
+    threads = [threading.Thread(target=come, args=(f"machine {n}",)) for n in range(6)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert (len(won), len(refused)) == (1, 5)
+
+
+def test_a_killed_writer_leaves_its_claim_which_is_taken_over_only_when_told(machine, address):
+    killed(machine("first"), a="1")
+    for name in ("first", "second"):
+        with refused("store.written_by_another", "--take-over"), machine(name).kept_up():
+            pass
+    with machine("second").kept_up(take_over=True) as check:
+        check()
+    assert there(address) == {"a": "1"}
+    assert not Store(address).holds(CLAIM)
+
+
+@pytest.mark.parametrize("ended", [False, True])
+def test_a_writer_that_stalls_in_a_put_while_another_takes_over_changes_nothing_of_that(
+    machine, address, monkeypatch, ended
+):
+    former, successor = machine("former"), machine("successor")
+    stalled, go_on = threading.Event(), threading.Event()
+    inner = {"s3": "_put", "toy": "_stream"}[address.partition(":")[0]]  # what sends the bytes
+    send = getattr(Store, inner)
+
+    def slowly(store, *given, **condition):
+        if store is former._store and ("b" in given or "/.b." in str(given[-1])):
+            stalled.set()
+            go_on.wait()
+        return send(store, *given, **condition)
+
+    monkeypatch.setattr(Store, inner, slowly)
+
+    def write_slowly():
+        with contextlib.suppress(InputError), former.kept_up():
+            write(former, a="old", b="old and long", c="old")
+            former.push()
+
+    thread = threading.Thread(target=write_slowly)
+    thread.start()
+    assert stalled.wait(20)
+    with successor.kept_up(take_over=True):
+        assert successor.writer() != ""
+        write(successor, a="new", b="new", c="new", d="new")
+        successor.push()
+        if not ended:
+            go_on.set()
+            thread.join()
+    go_on.set()
+    thread.join()
+    assert there(address) == dict.fromkeys("abcd", "new")
+    assert former._claim.loss.code == "store.taken_over"
+
+
+def test_a_writer_that_was_taken_over_from_finds_it_before_the_next_object(machine, address, monkeypatch):
+    former, successor, sent = machine("former"), machine("successor"), []
+    send = Store._send
+
+    def counted(store, name, *given):
+        if store is former._store and name in "abc":
+            sent.append(name)
+            if name == "b":
+                successor._claim.take(over=True)
+        return send(store, name, *given)
+
+    monkeypatch.setattr(Store, "_send", counted)
+    monkeypatch.setattr(module, "_PAUSE_S", 60.0)
+    writing = former.kept_up()
+    writing.__enter__()
+    write(former, a="old", b="old", c="old")
+    with refused("store.taken_over") as stopped:
+        former.push()
+    with refused("store.taken_over"):
+        writing.__exit__(None, None, None)
+    assert (sent, there(address)) == (["a", "b"], {"a": "old"})
+    assert successor.writer() in str(stopped.value)
+    assert successor.writer() == former.writer()  # what is another's is not released
+
+
+def cutting(monkeypatch, times):
+    """Have the store keep half of the first puts of `a`."""
+    left = [times]
+    put, stream = Store._put, Store._stream
+
+    def cut(name):
+        half = name.strip("./").startswith("a") and left[0] > 0
+        left[0] -= half
+        return half
+
+    def put_half(store, name, body, **condition):
+        return put(store, name, body[: len(body) // 2] if cut(name) else body, **condition)
+
+    def stream_half(store, source, target):
+        if not cut(target.rpartition("/")[2]):
+            return stream(store, source, target)
+        content = source.read()
+        stream(store, io.BytesIO(content[: len(content) // 2]), target)
+        return len(content)
+
+    monkeypatch.setattr(Store, "_put", put_half)
+    monkeypatch.setattr(Store, "_stream", stream_half)
+
+
+def test_an_object_that_the_store_cuts_short_is_put_again(machine, address, monkeypatch):
+    cutting(monkeypatch, times=1)
+    with machine("first").kept_up():
+        write(machine("first"), a="all of it", b="1")
+    assert there(address) == {"a": "all of it", "b": "1"}
+
+
+def test_an_object_that_the_store_always_cuts_short_is_an_error_and_not_recorded_as_carried(
+    machine, address, monkeypatch
+):
+    with monkeypatch.context() as patch:
+        cutting(patch, times=1000)
+        write(machine("first"), a="all of it")
+        with refused("store.not_as_sent", 4, 9):
+            machine("first").push()
+    with machine("first").kept_up():
+        pass
+    assert there(address) == {"a": "all of it"}
+
+
+def test_figures_of_a_run_that_another_writes_are_kept_here_and_the_writer_named(machine, address):
+    reader = machine("reader")
+    with machine("writer").kept_up():
+        reader.pull()
+        reader.carry_back()  # nothing was made
+        write(reader, figure="drawn")
+        with refused("store.written_by_another", reader.writer()):
+            reader.carry_back()
+        assert there(address) == {}
+    reader.carry_back()
+    assert there(address) == {"figure": "drawn"}
+
+
+def test_a_copy_that_a_process_of_this_machine_writes_to_is_left_to_that(machine, address):
+    with machine("first").kept_up() as check:
+        other = machine("first")
+        write(other, a="1")
+        other.carry_back()
+        assert (other.path / "a").read_text() == "1"
+        other.pull()
+        assert (other.path / "a").exists()
+        check()
+    assert there(address) == {"a": "1"}

@@ -3,13 +3,18 @@
 from pathlib import Path
 
 import numpy as np
+import obspy
 import pytest
-from motion_samples import STEP_S, WRITERS, columns, imported, peer, shaking, tabled, write_counts
+from motion_samples import STEP_S, WRITERS, G, columns, edited, imported, peer, shaking, tabled, write_counts
 from obspy.core.inventory import Response
-from refusals import left_out
+from refusals import left_out, refused
 
+from toppling.models.motions.formats.component import Component
+from toppling.models.motions.importing import ImportOptions, import_records, record_files
+from toppling.models.motions.metadata import read_table
 from toppling.models.motions.motion import Motion
 from toppling.models.motions.processing import end_at_rest
+from toppling.models.motions.quality import check_samples, warnings_of
 from toppling.models.motions.record import Record
 
 
@@ -192,3 +197,143 @@ def test_columns_are_left_if_they_are_called_corrected_or_do_not_drift(added_m_s
         assert record.intensity["pgv_m_s"] == pytest.approx(pgv_m_s, rel=0.05)
     if quality in ("sound", "corrected"):
         assert np.abs(record.motion.acceleration_m_s2 - a - added_m_s2).max() < 1e-6  # as it was printed
+
+
+NAMED_V2 = {"Rcrd of Tue Dec 20, 2022": "TESTQUAKE", "Preliminary": "DECEMBER 20, 2022 02:34 PST"}
+ORIGINS = [
+    ("bhrc", {}, {"2012/08/11   12:23:16": "2012/08/11   12:34:35"}),
+    ("bhrc", {}, {"2012/08/11   12:23:16": "2012/08/12   12:23:16"}),
+    ("csmip_v1", {}, {"JANUARY 17, 1994 04:31 PST": "JANUARY 17, 1994 04:32 PST"}),
+    ("csmip_v2", {}, {"Tue Dec 20, 2022": "Sun Jan  1, 2023"}),
+    ("csmip_v2", NAMED_V2, {"02:34 PST": "03:39 PST"}),
+    ("csmip_v2", NAMED_V2, {"DECEMBER 20": "DECEMBER 21"}),
+    ("pairs_v1", {}, {"JANUARY 17, 1994 04:31 PST": "JANUARY 17, 1994 04:32 PST"}),
+    ("smc", {}, {"18    0004": "18    0041"}),
+    ("smc", {}, {"18    0004": "19    0004"}),
+    ("unam", {}, {"18:14:40": "19:14:40"}),
+    ("unam", {}, {"2017/09/19": "2017/09/23"}),
+]
+
+
+def written(folder: Path, name: str, seed: int, *replacements: dict[str, str]) -> list[Path]:
+    folder.mkdir()
+    changes = [pair for each in replacements for pair in each.items()]
+    return edited(folder, name, *changes, motion=shaking(seed=seed))
+
+
+def both_imported(folder: Path, events: tuple[str, str] | None = None, unit: str = ""):
+    """What is read of two folders, with a table that names their events if these are given."""
+    table = []
+    if events:
+        rows = ["event,unit,h1,h2,v"]
+        for event, name in zip(events, "ab", strict=True):
+            paths = [str(path.relative_to(folder)) for path in sorted((folder / name).iterdir())]
+            rows.append(",".join((event, unit, *paths)))
+        (folder / "table.csv").write_text("\n".join(rows) + "\n")
+        table = read_table(folder / "table.csv")
+    return import_records(record_files([folder / "a", folder / "b"]), table, ImportOptions(process=False))
+
+
+@pytest.mark.parametrize(("name", "title", "other"), ORIGINS)
+def test_two_earthquakes_of_other_date_or_time_at_one_station_are_both_imported(name, title, other, tmp_path):
+    written(tmp_path / "a", name, 0, title)
+    written(tmp_path / "b", name, 1, title, other)
+    outcome = both_imported(tmp_path)
+    assert [str(refusal.reason) for refusal in outcome.refusals] == []
+    assert len(outcome.records) == 2
+
+
+@pytest.mark.parametrize(("name", "title"), [(name, title) for name, title, _ in ORIGINS[::2]])
+def test_files_of_one_earthquake_at_one_station_count_as_one_shaking(name, title, tmp_path):
+    for folder, seed in (("a", 0), ("b", 1)):
+        written(tmp_path / folder, name, seed, title)
+    outcome = both_imported(tmp_path)
+    assert len(outcome.records) == 1
+    left_out(outcome, "record.given_twice")
+
+
+def test_the_tables_events_tell_apart_records_whose_headers_do_not(tmp_path):
+    for folder, seed in (("a", 0), ("b", 1)):
+        written(tmp_path / folder, "smc", seed)
+    assert len(both_imported(tmp_path, ("Mainshock", "Aftershock")).records) == 2
+    assert len(both_imported(tmp_path, ("Mainshock", "Mainshock")).records) == 1
+
+
+def test_headers_of_other_origin_tell_apart_records_that_the_table_gives_one_name(tmp_path):
+    written(tmp_path / "a", "smc", 0)
+    written(tmp_path / "b", "smc", 1, {"18    0004": "18    0041"})
+    assert len(both_imported(tmp_path, ("Testquake", "Testquake")).records) == 2
+
+
+@pytest.mark.parametrize(("hours_later", "records"), [(0, 1), (34, 2)])
+def test_one_name_of_the_table_is_one_shaking_only_if_the_records_begin_together(
+    hours_later, records, tmp_path
+):
+    for folder, seed in (("a", 0), ("b", 1)):
+        (tmp_path / folder).mkdir()
+        for path in WRITERS["miniseed"](tmp_path / folder, shaking(seed=seed), response=None):
+            stream = obspy.read(str(path))
+            stream[0].stats.starttime += 3600 * hours_later * seed
+            stream.write(str(path), format="MSEED")
+    outcome = both_imported(tmp_path, ("Testquake", "Testquake"), unit="5e-6 m/s2")
+    assert len(outcome.records) == records
+
+
+def channel(acceleration_m_s2):
+    return Component(np.asarray(acceleration_m_s2, float), STEP_S, 0.0, Path("quake.v1"), 28, "test")
+
+
+def digitised(peak_m_s2, flat_m_s2, quantum_m_s2=0.0):
+    """An analogue trace, straight between points 0.07 s apart: three are level, beyond is the other sign's peak."""
+    points = shaking(600)[::7, 0]
+    points *= peak_m_s2 / np.abs(points).max()
+    points = points if points.min() == -peak_m_s2 else -points  # the peak is downward
+    points = np.minimum(points, 0.8 * flat_m_s2)
+    at = int(np.argmax(points))
+    points[at - 1 : at + 2] = flat_m_s2
+    a = np.interp(np.arange(7 * (len(points) - 1) + 1), 7 * np.arange(len(points)), points)
+    return np.round(a / quantum_m_s2) * quantum_m_s2 if quantum_m_s2 else a
+
+
+@pytest.mark.parametrize("quantum_m_s2", [0.0, 1e-4, 1e-3])
+def test_a_flat_top_a_tenth_below_the_peak_of_the_other_sign_is_no_clipping(quantum_m_s2):
+    a = digitised(0.196, 0.176, quantum_m_s2=quantum_m_s2)
+    assert (a == a.max()).sum() >= 15
+    check_samples(channel(a))
+
+
+def test_tops_of_a_few_steps_of_the_digitiser_are_flat_without_clipping():
+    """Twenty steps from zero to the peak: the top of every slow swing has equal samples."""
+    steps = np.concatenate([np.arange(21), np.arange(20, -20, -1), np.arange(-20, 1)])
+    a = 0.001 * G * np.repeat(steps, 6)
+    assert (a == a.max()).sum() >= 10
+    check_samples(channel(a))
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "offset_m_s2"),
+    [(-0.3, 0.3, 0.0), (-0.6, 0.6, 0.0), (-0.3, 0.3, 0.4), (-0.6, 0.6, 0.4), (-1.0, 0.55, 0.0)],
+)
+def test_tops_that_are_cut_at_a_rail_or_two_are_clipped_whatever_the_offset(low, high, offset_m_s2):
+    a = shaking(600)[:, 0]
+    a /= np.abs(a).max()
+    with refused("record.clipped"):
+        check_samples(channel(np.clip(a, low, high) + offset_m_s2))
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_one_file_given_as_two_components_is_refused(sign, tmp_path):
+    a = shaking()
+    a[:, 1] = sign * a[:, 0]
+    WRITERS["peer"](tmp_path, a)
+    outcome = import_records(record_files([tmp_path]))
+    assert outcome.refusals[0].reason.code == "record.same_samples"
+    assert len(import_records(record_files([tmp_path]), options=ImportOptions(doubtful=True)).records) == 1
+
+
+@pytest.mark.parametrize(("step_factor", "told"), [(0.1, True), (1.0, False), (10.0, True)])
+def test_a_time_step_in_error_by_a_factor_of_ten_is_told_by_the_pulses_length(step_factor, told):
+    a = 0.1 * shaking()
+    pgv_m_s = np.abs(np.cumsum(a[:, 0]) * STEP_S).max()
+    found = warnings_of({"pgv_pga_s": pgv_m_s * step_factor / np.abs(a[:, 0]).max()})
+    assert [("time step" in text) for text in found] == [True] * told

@@ -1,14 +1,17 @@
-"""Each reader of records gives back what was written, however its header is spelled, and refuses contradictions."""
+"""Each reader gives back what was written, in any encoding and spelling, and refuses contradictions and lost rows."""
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 from motion_samples import COUNT, STEP_S, WRITERS, edited, imported, only, shaking
-from refusals import refused, tells
+from refusals import left_out, refused, tells
 
+from toppling.models.files.given import text_of
 from toppling.models.motions.formats import read_file
 from toppling.models.motions.formats.component import bearing
+from toppling.models.motions.formats.record_text import RecordText
 
 # what each format's printing rounds off, m/s2: half of its last digit
 ROUNDING = {
@@ -320,3 +323,184 @@ def test_counts_of_cosmos_are_divided_by_the_sensors_gain_where_it_is_known(head
 )  # fmt: skip
 def test_bearings_are_read_as_they_are_written(label, direction):
     assert bearing(label) == direction
+
+
+TEXT = set(WRITERS) - {"miniseed", "sac"}
+READ = {"peer", "csmip_v1", "esm", "columns", "knet"}
+"""One of each kind of reader is read in each way, all others in the two that change most."""
+WAYS = {
+    "DOS": lambda content: content.replace(b"\n", b"\r\n"),
+    "old Mac": lambda content: content.replace(b"\n", b"\r"),
+    "sent as text twice": lambda content: content.replace(b"\n", b"\r\r\n"),
+    "mark of UTF-8": lambda content: b"\xef\xbb\xbf" + content,
+    "DOS' end of file": lambda content: content.replace(b"\n", b"\r\n") + b"\x1a" * 200,
+    "block filled with zeros": lambda content: content + bytes(512 - len(content) % 512),
+    "no end of the last line": lambda content: content.rstrip(b"\n"),
+    "blank lines at the end": lambda content: content + b"\n  \n\n",
+    "UTF-16 of Windows": lambda content: content.decode().encode("utf-16"),
+    "UTF-16 of another order": lambda content: b"\xfe\xff" + content.decode().encode("utf-16-be"),
+}
+
+
+def double_precision(content):
+    return re.sub(rb"(\d)E([+-]\d\d)", rb"\1D\2", content)
+
+
+def decimal_commas(content):
+    """Commas in the samples: behind the last line of words, or, where words end the file, behind the first header."""
+    lines = content.decode().splitlines()
+    worded = {number for number, line in enumerate(lines) if re.search("[A-DF-Za-df-z]", line)}
+    first = max(worded) + 1 if max(worded) < len(lines) - 1 else 28
+    samples = set(range(first, len(lines))) - worded
+    return (
+        "\n".join(line.replace(".", ",") if n in samples else line for n, line in enumerate(lines)).encode()
+        + b"\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        *(
+            pytest.param(name, change, id=f"{name}, {way}")
+            for name in sorted(READ)
+            for way, change in WAYS.items()
+        ),
+        *(
+            (name, WAYS[way])
+            for name in sorted(TEXT - READ)
+            for way in ("DOS' end of file", "UTF-16 of Windows")
+        ),
+        *((name, double_precision) for name in ("peer", "bhrc", "smc")),
+        *((name, decimal_commas) for name in ("esm", "unam", "csmip_v1", "peer", "cwb")),
+    ],
+)
+def test_a_record_is_the_same_however_its_text_is_written(name, change, tmp_path):
+    WRITERS[name](tmp_path, shaking(120))
+    expected = only(imported(tmp_path))
+    contents = {path: path.read_bytes() for path in tmp_path.iterdir() if path.name != "table.csv"}
+    for path, content in contents.items():
+        path.write_bytes(change(content))
+    assert any(path.read_bytes() != content for path, content in contents.items())
+    record = only(imported(tmp_path))
+    assert (record.sha, record.event, record.station) == (expected.sha, expected.event, expected.station)
+
+
+@pytest.mark.parametrize("between", [";", "\t", "; ", "  ", ", "])
+@pytest.mark.parametrize("columns", [1, 2, 4])
+def test_decimal_commas_are_read_where_something_else_stands_between_numbers(columns, between, tmp_path):
+    a = shaking(200)
+    table = np.column_stack([np.arange(200) * STEP_S, a])[:, {1: [1], 2: [0, 1], 4: [0, 1, 2, 3]}[columns]]
+    lines = [between.join(f"{v:.6f}".replace(".", ",") for v in row) for row in table]
+    (tmp_path / "r.txt").write_text("\n".join(lines))
+    found = read_file(tmp_path / "r.txt")
+    assert np.abs(found[0].acceleration_m_s2 - a[:, 0]).max() < 1e-6
+    assert columns == 1 or found[0].time_step_s == STEP_S
+
+
+@pytest.mark.parametrize("columns", [1, 3])
+def test_commas_between_and_within_numbers_are_refused_with_the_cause(columns, tmp_path):
+    table = np.column_stack([np.arange(50) * STEP_S, shaking(50)[:, :columns]])
+    lines = [",".join(f"{v:.4f}" for v in row).replace(".", ",") for row in table]
+    (tmp_path / "r.csv").write_text("\n".join(lines))
+    with refused("record.commas_ambiguous"):
+        read_file(tmp_path / "r.csv")
+
+
+@pytest.mark.parametrize("digits", [2, 3, 4, 6])
+@pytest.mark.parametrize("step_s", [0.005, 0.01, 1 / 128, 0.02, 1 / 200])
+def test_the_step_is_found_whatever_the_digits_of_the_times(step_s, digits, tmp_path):
+    a = shaking(2000)[:, 0]
+    lines = [f"{i * step_s:.{digits}f} {v:.6f}" for i, v in enumerate(a)]
+    (tmp_path / "r.txt").write_text("\n".join(lines))
+    (found,) = read_file(tmp_path / "r.txt")
+    assert found.time_step_s == pytest.approx(step_s, rel=1e-9)
+
+
+@pytest.mark.parametrize("content", [b"000001D \0\0\0abc" * 40, b"\x01\0\x02\0\0\0\x03\0" * 100, bytes(200)])
+def test_binary_files_are_no_text(content):
+    assert text_of(b"x" + content + b"x") is None
+
+
+HERE = Path("file.txt")
+SPOKEN_COUNT = {  # how a header says 400, and how it would say another number
+    "peer": "NPTS= {:6d}",
+    "csmip_v1": "{:5d} POINTS",
+    "csmip_v2": " {} points of accel",
+    "cosmos_v2": "   {} acceleration pts",
+    "esm": "NDATA: {}\n",
+    "unam": "/{0}/{0}/{0}",
+    "pairs_v1": "NO. OF POINTS =  {:5d}",
+    "bhrc": "NO. OF POINTS =  {:5d}",
+    "smc": "{:10d}",
+}
+
+
+def lines_of(count: int, across: int = 5) -> list[str]:
+    """Rows of a smooth series."""
+    values = np.sin(np.arange(count) / 20.0)
+    return [" ".join(f"{v:.6f}" for v in values[i : i + across]) for i in range(0, count, across)]
+
+
+def taken(lines: list[str], count: int):
+    return RecordText(HERE, lines, 4).counted(-1, count, 0)
+
+
+@pytest.mark.parametrize("count", [0, 900, 1011, 1100, 2000])
+def test_a_count_far_from_the_rows_is_refused(count):
+    with refused("record.count_contradicted", 1000, count):
+        taken(lines_of(1000), count)
+
+
+def without(first, last):
+    return lambda lines: lines[:first] + lines[last:]
+
+
+@pytest.mark.parametrize(
+    ("damage", "counted"),
+    [
+        (without(3, 4), 995), (without(60, 62), 990), (without(100, 130), 850), (without(194, 196), 990),
+        (lambda lines: lines[:61] + lines[60:], 1005), (lambda lines: lines[:1] + lines, 1005),
+        (lambda lines: [*lines[:100], lines[100].rsplit(" ", 1)[0], *lines[101:]], 999),
+    ],
+    ids=["one row lost", "two", "thirty", "near the end", "a row twice", "the first twice", "a row not whole"],
+)  # fmt: skip
+def test_a_row_in_the_middle_that_is_lost_repeated_or_not_whole_is_refused(damage, counted):
+    with refused("record.count_contradicted", counted, 1000):
+        taken(damage(lines_of(1000)), 1000)
+
+
+def miscounted(folder: Path, name: str, off: int) -> None:
+    WRITERS[name](folder, shaking())
+    spoken = SPOKEN_COUNT[name]
+    for path in folder.iterdir():
+        text = path.read_text()
+        if name != "smc":
+            assert spoken.format(COUNT) in text
+            text = text.replace(spoken.format(COUNT), spoken.format(COUNT + off))
+        else:
+            lines = text.split("\n")
+            lines[13] = f"{COUNT + off:10d}{lines[13][10:]}"
+            text = "\n".join(lines)
+        path.write_text(text)
+
+
+@pytest.mark.parametrize("off", [-3, 2])
+@pytest.mark.parametrize("name", sorted(SPOKEN_COUNT))
+def test_every_format_with_a_count_that_is_a_little_off_is_read_and_told(name, off, tmp_path):
+    miscounted(tmp_path, name, off)
+    outcome = imported(tmp_path)
+    record = only(outcome)
+    assert len(record.motion.acceleration_m_s2) == min(COUNT, COUNT + off)
+    assert outcome.warnings
+    assert any("where the header counts" in step for step in record.history)
+
+
+def test_a_component_that_lacks_a_row_which_the_others_have_is_refused(tmp_path):
+    path = WRITERS["peer"](tmp_path, shaking())[1]
+    lines = path.read_text().splitlines()
+    del lines[-1]
+    path.write_text("\n".join(lines))
+    (component,) = read_file(path)
+    assert component.missing == 5
+    left_out(imported(tmp_path), "record.count_contradicted", 395, 400)

@@ -7,14 +7,22 @@ import pytest
 from patches import BLOCK, LEVEL, VOXEL_M, box, ground, seen_of, together, wall
 from refusals import refused
 
+from toppling.models.errors import InputError
+from toppling.models.frames import plane_normal
 from toppling.models.scan import virtual
 from toppling.models.scan.candidates import Candidate, find_candidates
-from toppling.models.scan.choice import choose
+from toppling.models.scan.choice import choose, with_reason
 from toppling.models.scan.close import ClosedRock
-from toppling.models.scan.interface import fit_interface
+from toppling.models.scan.interface import Interface, fit_interface
 from toppling.models.scan.interface_hint import hint_of
-from toppling.models.scan.measure import check_above
-from toppling.models.scan.scan_warnings import check_seen_enough, unseen_range, warnings_of
+from toppling.models.scan.measure import ObservedRock, check_above
+from toppling.models.scan.scan_warnings import (
+    check_seen_enough,
+    tilted_frame,
+    unseen_range,
+    unseen_rim,
+    warnings_of,
+)
 from toppling.models.scan.surfels import Surfels
 from toppling.models.scan.survey import survey
 from toppling.models.scene import Scene
@@ -191,3 +199,145 @@ def test_a_statue_on_its_plinth_is_found_without_a_hint_and_with_its_plane(hint)
     seen = virtual.scan_around(truth, seed=1, stations=4, resolution_per_height=0.02, clutter=False)
     found = survey(virtual.cloud_of(seen, np.zeros(3))[0], hint=hint)
     assert found.scene.rock.volume_m3 == pytest.approx(truth.rock.volume_m3, rel=0.015)
+
+
+def told_of_rim(azimuths_deg, interface=LEVEL):
+    turn = np.deg2rad(azimuths_deg)
+    low = 0.3 * np.column_stack([np.cos(turn), np.sin(turn), np.full(len(turn), 0.01)])
+    seen = ObservedRock(low, low, low, low, None, None, 1.0, None)
+    return unseen_rim(seen, interface, np.array([0.0, 0.0, 0.5]))
+
+
+def seen_over(first_deg, last_deg):
+    return np.arange(first_deg + 0.5, last_deg, 1.0)
+
+
+@pytest.mark.parametrize(
+    "azimuths_deg", [seen_over(0, 360), seen_over(0, 260), [45.5, 135.5, 225.5, 315.5], [0.5, 120.5, 240.5]]
+)
+def test_a_rim_seen_around_the_weight_and_feet_around_it_are_not_told(azimuths_deg):
+    assert told_of_rim(azimuths_deg) is None
+
+
+@pytest.mark.parametrize("turn_deg", [0.0, 90.0, 130.0])
+def test_the_range_that_was_not_seen_is_told_with_its_middle_in_the_scene(turn_deg):
+    c, s = np.cos(np.deg2rad(turn_deg)), np.sin(np.deg2rad(turn_deg))
+    turned = Interface(np.zeros(3), LEVEL.normal, np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), 0.0)
+    sentence = told_of_rim(seen_over(0, 160)).sentence
+    assert "not seen over 200 degrees about azimuth 260" in sentence
+    assert told_of_rim(seen_over(0, 160), turned).sentence == sentence
+
+
+def test_of_less_than_half_it_is_told_what_was_drawn_there():
+    sentence = told_of_rim(seen_over(0, 210)).sentence
+    assert "not seen over 150 degrees about azimuth 285" in sentence
+
+
+PATCH_M, STEP_M = 0.03, 0.45
+DIP_DEG, TOWARD_DEG = 3.6, 235.0
+
+
+def level(dip_deg, toward_deg, middle, bumps_m=0.002, seed=1):
+    """Patches of a square level, 1.8 m wide: places and normals."""
+    across = np.arange(-0.9, 0.9, PATCH_M)
+    x, y = (each.ravel() for each in np.meshgrid(across, across))
+    normal = plane_normal(dip_deg, toward_deg)
+    bumps = bumps_m * np.random.default_rng(seed).normal(size=len(x))
+    places = np.column_stack([x, y, bumps - (normal[0] * x + normal[1] * y) / normal[2]]) + middle
+    return places, np.broadcast_to(normal, places.shape)
+
+
+def frame_of(*levels):
+    places, normals = (np.vstack(each) for each in zip(*levels, strict=True))
+    return tilted_frame(Surfels(places, normals, np.zeros(len(places)), PATCH_M), np.zeros(len(places), bool))
+
+
+UPPER, LOWER = np.array([0.0, 0.0, STEP_M]), np.array([2.0, 0.0, 0.0])
+
+
+def test_levels_at_two_heights_that_dip_alike_tell_what_points_upward():
+    normal = plane_normal(DIP_DEG, TOWARD_DEG)
+    below = LOWER - [0.0, 0.0, (normal @ LOWER) / normal[2]]  # so that they are a step apart
+    doubt = frame_of(level(DIP_DEG, TOWARD_DEG, UPPER), level(DIP_DEG, TOWARD_DEG, below, seed=2))
+    assert doubt.kind == "frame"
+    assert "levels 0.45 m apart" in doubt.sentence
+    assert "by 3.6 degrees toward azimuth 235" in doubt.sentence
+    up = [float(word) for word in doubt.sentence.rpartition("--up ")[2].split(",")]
+    assert up == pytest.approx(normal, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    "levels",
+    [
+        pytest.param([level(0.3, 10.0, UPPER), level(0.3, 10.0, LOWER)], id="level"),
+        pytest.param([level(DIP_DEG, TOWARD_DEG, UPPER)], id="one, as any slope is"),
+        pytest.param(
+            [level(DIP_DEG, TOWARD_DEG, UPPER), level(0.0, 0.0, LOWER)], id="a slope over level ground"
+        ),
+        pytest.param(
+            [level(DIP_DEG, TOWARD_DEG, UPPER), level(DIP_DEG + 1.5, TOWARD_DEG, LOWER)],
+            id="ledges, nearly alike",
+        ),
+        pytest.param(
+            [level(DIP_DEG, TOWARD_DEG, UPPER, 0.02), level(DIP_DEG, TOWARD_DEG, LOWER, 0.02)],
+            id="uneven ground",
+        ),
+    ],
+)
+def test_a_level_frame_a_slope_and_natural_ground_are_not_doubted(levels):
+    assert frame_of(*levels) is None
+
+
+REFUSED = InputError(
+    "scan.nothing_stands", "nothing stands", where="segmentation", expected="a rock", remedy="point at it"
+)
+
+
+def of_a_scene(points, noise_m=0.0):
+    """Level ground of 8 by 8 m with a ball of 2 m on it, seen with noise."""
+    random = np.random.default_rng(1)
+    flat = random.uniform(-4.0, 4.0, (3 * points // 4, 2))
+    way = random.normal(size=(points // 4, 3))
+    way /= np.linalg.norm(way, axis=1)[:, None]
+    ground = np.column_stack([flat, np.zeros(len(flat))])
+    return np.concatenate([ground, way + np.array([0.0, 0.0, 1.0])]) + random.normal(
+        0.0, noise_m, (points // 4 * 4, 3)
+    )
+
+
+def test_a_cloud_of_few_points_is_told_how_far_apart_they_lie_and_what_rock_they_show():
+    """2250 points on 64 m2."""
+    told = with_reason(REFUSED, of_a_scene(3000))
+    assert "they lie about 0.17 m apart, and show rocks of 8.5 m and more" in told.what
+    assert "not thinned" in told.remedy
+
+
+@pytest.mark.parametrize("noise_m", [0.03, 0.05])
+def test_a_noisy_cloud_is_told_how_thick_its_surfaces_are(noise_m):
+    told = with_reason(REFUSED, of_a_scene(150_000, noise_m))
+    assert "the cloud is noisy or rough" in told.what
+    assert "less noise than a 100th of the rock's height" in told.remedy
+
+
+@pytest.mark.parametrize("axis", [0, 2])
+@pytest.mark.parametrize("slope", [0.0, 0.4])
+def test_nothing_stands_out_of_a_wall_a_floor_or_a_slope(axis, slope):
+    random = np.random.default_rng(3)
+    points = random.uniform(-4.0, 4.0, (40_000, 3))
+    points[:, axis] = slope * points[:, 1] + random.normal(0.0, 0.003, len(points))
+    told = with_reason(REFUSED, points)
+    assert "few points" not in told.what
+    dip = np.rad2deg(np.arctan(slope)) if axis == 2 else 90.0
+    assert f"a plane that dips by {dip:.0f} degrees" in told.what
+
+
+def test_a_low_stone_on_a_floor_stands_out_of_it():
+    random = np.random.default_rng(3)
+    floor = np.column_stack([random.uniform(-4.0, 4.0, (60_000, 2)), random.normal(0.0, 0.003, 60_000)])
+    stone = random.uniform(0.0, 0.1, (200, 3))
+    assert "of a plane" not in with_reason(REFUSED, np.vstack([floor, stone])).what
+
+
+@pytest.mark.parametrize("noise_m", [0.0, 0.01])
+def test_of_a_cloud_that_would_show_a_rock_nothing_else_is_said(noise_m):
+    assert with_reason(REFUSED, of_a_scene(150_000, noise_m)) is REFUSED

@@ -1,12 +1,19 @@
-"""A rim that nobody saw goes on as the outline that was seen does, and draws of the base end there at many places."""
+"""A side or a rim that nobody saw goes on as what was seen does, down to the foot, and draws end at many places."""
 
 import numpy as np
 import pytest
 from patches import level
 
 from toppling.models.hidden_base.gap import BaseObservation, Relief, draw_gaps
-from toppling.models.hidden_base.near_interface import DRAWN, SIDE_TANGENT, NearInterface, UnseenSide
+from toppling.models.hidden_base.near_interface import (
+    DRAWN,
+    SIDE_TANGENT,
+    NearInterface,
+    SidesSeen,
+    UnseenSide,
+)
 from toppling.models.hidden_base.underside import Underside
+from toppling.models.scan.close import side_gone_on
 
 HEIGHT_M, PITCH_M = 2.0, 0.012
 CENTRE_M = np.array([0.3, -0.2])
@@ -128,3 +135,138 @@ def test_draws_touch_up_to_their_own_rim_and_rise_beyond_it():
     reach_m = [places[gap.gap_m <= 0.0][:, 0].max() for gap in drawn]
     assert max(reach_m[0::2]) <= 0.1
     assert max(reach_m[1::2]) > 0.1
+
+
+APART_M = 0.04
+
+
+def barrel(unseen_deg):
+    """Patches and normals of a side whose radius is 1 at the foot and at the top, 1.3 in between."""
+    turn = np.deg2rad(np.arange(0.5 * unseen_deg, 360.0 - 0.5 * unseen_deg, 2.0))
+    up = np.arange(0.0, 3.0, APART_M)
+    up, turn = (each.ravel() for each in np.meshgrid(up, turn, indexing="ij"))
+    radius, slope = radius_at(up), -np.cos(np.pi * up / 3.0) * 0.1 * np.pi
+    points = np.column_stack([radius * np.cos(turn), radius * np.sin(turn), up])
+    normals = np.column_stack([np.cos(turn), np.sin(turn), slope])
+    return points, normals / np.linalg.norm(normals, axis=1)[:, None]
+
+
+def radius_at(up):
+    return 1.0 + 0.3 * np.sin(np.pi * up / 3.0)
+
+
+@pytest.mark.parametrize("unseen_deg", [90.0, 150.0])
+def test_a_round_side_goes_on_round_and_faces_outward(unseen_deg):
+    points, normals = barrel(unseen_deg)
+    places, outward = side_gone_on(UnseenSide.of(points[points[:, 2] < 0.2]), points, normals, APART_M)
+    turn = np.rad2deg(np.arctan2(places[:, 1], places[:, 0]))
+    middle = np.abs(turn) < 0.4 * unseen_deg
+    away = np.linalg.norm(places[:, :2], axis=1) / radius_at(places[:, 2])
+    assert away[middle] == pytest.approx(np.ones(middle.sum()), abs=0.08)
+    assert (np.abs(turn) < 0.5 * unseen_deg + 15.0).all()  # a sector of directions and a half
+    assert ((outward[:, :2] * places[:, :2]).sum(axis=1) > 0.0).all()
+    assert np.ptp(places[:, 2]) > 2.7
+
+
+def test_levels_that_were_seen_around_stay_as_they_were_seen():
+    points, normals = barrel(90.0)
+    around, of_around = barrel(0.0)
+    high = points[:, 2] < 1.5, around[:, 2] >= 1.5
+    seen = np.vstack([points[high[0]], around[high[1]]])
+    ways = np.vstack([normals[high[0]], of_around[high[1]]])
+    places, _ = side_gone_on(UnseenSide.of(points[points[:, 2] < 0.2]), seen, ways, APART_M)
+    assert places[:, 2].max() < 1.5 + 2.0 * APART_M
+
+
+STEP_M = 0.02
+
+
+def rounded(turn, up):
+    """Radius of a barrel of revolution, .5 at its middle."""
+    return 0.5 - 0.12 * (up - 0.5 * HEIGHT_M) ** 2 + 0.0 * turn
+
+
+def upright(turn, up):
+    """Radius of a square block, .4 from its axis to its sides."""
+    return 0.4 / np.maximum(np.abs(np.cos(turn)), np.abs(np.sin(turn)))
+
+
+def wider_below(turn, up):
+    """The same block, whose side toward azimuth 0 comes forward below: .1 in a metre."""
+    along, across = np.maximum(np.abs([np.cos(turn), np.sin(turn)]), 1e-9)
+    return np.minimum(0.4 / across, np.where(np.cos(turn) > 0.0, 0.5 - 0.1 * up, 0.4) / along)
+
+
+SHAPES = [rounded, upright, wider_below]
+
+
+def patches(radius, hidden_to_m, half_deg=60.0):
+    """Patches and normals of its side, hidden up to a height in a range of directions about azimuth 0."""
+    turn, up = np.meshgrid(np.arange(-np.pi, np.pi, 0.04), np.arange(0.01, HEIGHT_M, STEP_M))
+    seen = (np.abs(np.rad2deg(turn)) > half_deg) | (up > hidden_to_m)
+    turn, up = turn[seen], up[seen]
+    out = np.column_stack([np.cos(turn), np.sin(turn)])
+    points = np.column_stack([radius(turn, up)[:, None] * out, up])
+    return points, np.column_stack([out, np.zeros(len(out))])
+
+
+def foot(radius, hidden_to_m):
+    points, normals = patches(radius, hidden_to_m)
+    low = points[points[:, 2] < 0.06 * HEIGHT_M]
+    led_down = SidesSeen.of(points, normals, np.zeros(2)).led_down(0.0)
+    return UnseenSide.of(low, led_down=led_down), points, normals
+
+
+def share_of_true(found, radius, number=None):
+    """Distances of the true outline's places, in the range that nobody saw, over those of the outline found."""
+    turn = np.deg2rad(np.arange(-30.0, 31.0, 5.0))
+    return found.share_out(radius(turn, 0.0)[:, None] * np.column_stack([np.cos(turn), np.sin(turn)]), number)
+
+
+@pytest.mark.parametrize(
+    ("radius", "hidden_to_m"),
+    [*((shape, to_m) for shape in SHAPES for to_m in (0.3, 1.0)), (rounded, 1.4), (upright, 1.4)],
+)
+def test_the_foot_lies_below_the_side_that_was_seen_above_it(radius, hidden_to_m):
+    share = share_of_true(foot(radius, hidden_to_m)[0], radius)
+    assert share == pytest.approx(np.ones(len(share)), abs=0.06)
+
+
+@pytest.mark.parametrize("radius", SHAPES)
+def test_drawn_feet_lie_on_both_sides_of_the_true_one(radius):
+    found = foot(radius, 1.0)[0]
+    middle = np.array([share_of_true(found, radius, number)[4:9].mean() for number in range(DRAWN)])
+    assert middle.min() < 0.95
+    assert middle.max() > 1.05
+
+
+@pytest.mark.parametrize("radius", SHAPES)
+def test_the_side_goes_down_to_its_foot_below_what_was_seen_of_it(radius):
+    found, points, normals = foot(radius, 1.0)
+    places, _ = side_gone_on(found, points, normals, 2.0 * STEP_M)
+    turn = np.arctan2(places[:, 1], places[:, 0])
+    middle = (np.abs(turn) < 0.5) & (places[:, 2] < 0.9)
+    away = np.linalg.norm(places[:, :2], axis=1) / radius(turn, places[:, 2])
+    assert away[middle] == pytest.approx(np.ones(middle.sum()), abs=0.06)
+    assert places[middle, 2].min() < 0.1
+
+
+def test_a_crown_that_shows_beyond_a_side_that_nobody_saw_tells_nothing_of_it():
+    points, normals = patches(rounded, 0.8 * HEIGHT_M)
+    assert len(SidesSeen.of(points, normals, np.zeros(2)).led_down(0.0)) == 0
+
+
+def test_nothing_is_led_down_where_the_side_was_seen_down_to_the_foot():
+    points, normals = patches(upright, 0.0)
+    assert len(SidesSeen.of(points, normals, np.zeros(2)).led_down(0.0)) == 0
+
+
+def test_a_rock_without_steep_sides_leads_nothing_down():
+    points = np.random.default_rng(1).uniform(size=(50, 3))
+    sides = SidesSeen.of(points, np.tile([0.0, 0.0, 1.0], (50, 1)), np.zeros(2))
+    assert len(sides.led_down(0.0)) == 0
+
+
+def test_a_few_places_around_tell_of_no_side_that_was_not_seen():
+    turn = np.linspace(0.0, 2.0 * np.pi, 60, endpoint=False)
+    assert UnseenSide.of(np.column_stack([np.cos(turn), np.sin(turn), 0.0 * turn])) is None

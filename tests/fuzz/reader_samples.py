@@ -17,7 +17,7 @@ from hazard_samples import NSHMP_RATES, nshmp_curves, openquake_curves, realisat
 from motion_samples import STEP_S, WRITERS, shaking
 from scipy.spatial.transform import Rotation
 
-from toppling.models.files.mesh_files import read_header, read_triangles, write_ply
+from toppling.models.files.mesh_files import read_header, read_triangles
 from toppling.models.hidden_base.inspection import inspection_of
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.formats.response import responses
@@ -119,16 +119,9 @@ MODELS = ("model.obj", "model.stl", "model.off", "model.glb", "model.ply")
 
 
 def _write_mesh(name: str, path: Path) -> None:
-    if path.suffix == ".ply" and "ascii" not in name:
-        write_ply(path, np.array(BOX.vertices), np.array(BOX.faces))
-        return
-    options = (
-        {"ascii": {"encoding": "ascii"}}.get(name.partition(" ")[2][:5], {}) if name.endswith(".ply") else {}
-    )
     kind = "stl_ascii" if name == "box ascii.stl" else path.suffix[1:]
-    if kind == "gltf":
-        options = {"embed_buffers": True}
-    written = trimesh.exchange.export.export_mesh(BOX, None, file_type=kind, **options)
+    options: dict[str, Any] = {"box ascii.ply": {"encoding": "ascii"}}.get(name, {})
+    written = BOX.export(file_type=kind, **options | ({"embed_buffers": True} if kind == "gltf" else {}))
     if isinstance(written, dict):
         written = written["model.gltf"]
     path.write_bytes(written.encode() if isinstance(written, str) else written)

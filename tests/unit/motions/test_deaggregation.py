@@ -219,14 +219,10 @@ def test_a_count_spreads_evenly_over_the_ranks_of_pulse_length_with_both_ends(pu
         assert max(steps) - min(steps) <= 1
 
 
-def deaggregation(tmp_path, text):
-    table = tmp_path / "deaggregation.csv"
-    table.write_text(f"magnitude_low,magnitude_high,distance_low_km,distance_high_km,contribution\n{text}")
-    return read_deaggregation(table).bins
-
-
 def test_weights_share_each_bins_contribution_and_add_up_to_one(ensemble, tmp_path):
-    bins = deaggregation(tmp_path, "6,7,0,20,30\n7,8,20,40,10\n7,8,0,20,60\n")
+    table, head = tmp_path / "bins.csv", "magnitude_low,magnitude_high,distance_low_km,distance_high_km"
+    table.write_text(f"{head},contribution\n6,7,0,20,30\n7,8,20,40,10\n7,8,0,20,60\n")
+    bins = read_deaggregation(table).bins
     weights, empty = hazard_weights(ensemble, ensemble.record_ids, bins)
     assert weights == pytest.approx({"A1": 0.375, "A2": 0.375, "A3": 0.0, "B1": 0.25, "C1": 0.0})
     assert [b.contribution for b in empty] == [60]

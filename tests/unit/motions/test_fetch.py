@@ -47,14 +47,8 @@ def waveforms(code, start, end):
     for axis, letter in enumerate("ENZ"):
         data = np.full(count, 5000.0)
         data[at : at + len(burst)] += burst[:, axis] * COUNTS
-        header = {
-            "network": "XX",
-            "station": code,
-            "channel": f"HN{letter}",
-            "delta": STEP_S,
-            "starttime": start,
-        }
-        stream += obspy.Trace(np.round(data).astype(np.int32), header)
+        header = {"network": "XX", "station": code, "channel": f"HN{letter}", "starttime": start}
+        stream += obspy.Trace(np.round(data).astype(np.int32), header | {"delta": STEP_S})
     return stream
 
 
@@ -134,20 +128,15 @@ def test_a_list_of_stations_and_a_window_do_without_an_event(service, tmp_path):
     assert ensemble.record(ensemble.record_ids[0]).magnitude is None
 
 
+A_DAY = ("--start", "2019-07-06", "--end", "2019-07-07")
+
+
 @pytest.mark.parametrize(
     ("arguments", "code", "named"),
     [
         (["--event", "ev2", "--radius", "40"], "fetch.no_answer", "'ev2'"),
-        (
-            ["--stations", "XX.DEAD", "--start", "2019-07-06", "--end", "2019-07-07"],
-            "fetch.no_stations",
-            "DEAD",
-        ),
-        (
-            ["--stations", "CLC", "--start", "2019-07-06", "--end", "2019-07-07"],
-            "fetch.station_unreadable",
-            "CLC",
-        ),
+        (["--stations", "XX.DEAD", *A_DAY], "fetch.no_stations", "DEAD"),
+        (["--stations", "CLC", *A_DAY], "fetch.station_unreadable", "CLC"),
     ],
 )
 def test_what_the_service_does_not_have_is_said(service, arguments, code, named, tmp_path):

@@ -27,35 +27,24 @@ def test_ways_to_write_one_unit_are_one_unit(name):
     assert unit_of(f"  {name.upper()}\t") == Unit("acceleration", 1.0)
 
 
-@pytest.mark.parametrize(
-    ("name", "one_m_s2"),
-    [
-        ("Gal", 0.01), ("GALS", 0.01), ("G", G), ("g", G), ("CM/SEC/SEC", 0.01),
-        ("cm/s²", 0.01), ("CM/SEC**2", 0.01), ("mm/s^2", 1e-3),
-        ("NM/S**2", 1e-9), ("in/s/s", 0.0254), ("ft/sec2", 0.3048),
-    ],
-)  # fmt: skip
-def test_accelerations_are_known_by_name(name, one_m_s2):
-    assert acceleration_m_s2(name) == pytest.approx(one_m_s2)
+ACCELERATIONS = {
+    "Gal": 0.01, "GALS": 0.01, "G": G, "g": G, "CM/SEC/SEC": 0.01, "cm/s²": 0.01, "CM/SEC**2": 0.01, "mm/s^2": 1e-3,
+    "NM/S**2": 1e-9, "in/s/s": 0.0254, "ft/sec2": 0.3048,
+}  # fmt: skip
+VELOCITIES = {"M/S": 1.0, "cm/sec": 0.01, "nm/s": 1e-9, "kine": 0.01}
+NO_MOTION = [
+    "PA", "V", "counts", "rad/s", "m/s3", "s", "", "M/S**2 M", "T", "m/", "K", "gg", "mGal", "mg", "%g",
+    "g/10", "µm/s²", "um", "dm", "km", "yd",
+]  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("name", "one_m_s"), [("M/S", 1.0), ("cm/sec", 0.01), ("nm/s", 1e-9), ("kine", 0.01)]
-)
-def test_velocities_are_no_accelerations(name, one_m_s):
-    assert unit_of(name) == Unit("velocity", one_m_s)
-    assert acceleration_m_s2(name) is None
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        "PA", "V", "counts", "rad/s", "m/s3", "s", "", "M/S**2 M", "T", "m/", "K", "gg", "mGal", "mg", "%g",
-        "g/10", "µm/s²", "um", "dm", "km", "yd",
-    ],
-)  # fmt: skip
-def test_what_is_no_unit_of_motion_is_none(name):
-    assert unit_of(name) is None
+def test_accelerations_are_known_by_name_and_velocities_and_all_else_are_none():
+    assert {name: acceleration_m_s2(name) for name in ACCELERATIONS} == pytest.approx(ACCELERATIONS)
+    assert {name: unit_of(name) for name in VELOCITIES} == {
+        name: Unit("velocity", one) for name, one in VELOCITIES.items()
+    }
+    assert [name for name in NO_MOTION if unit_of(name)] == []
+    assert [name for name in VELOCITIES if acceleration_m_s2(name)] == []
 
 
 @pytest.mark.parametrize(

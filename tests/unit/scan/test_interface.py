@@ -12,7 +12,7 @@ from toppling.models.scan import virtual
 from toppling.models.scan.interface import fit_interface, reweighted_plane
 from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scan.read import Cloud
-from toppling.models.scan.register import register
+from toppling.models.scan.register import check_fit, register
 from toppling.models.scan.segment import PEDESTAL, ROCK
 from toppling.models.scan.surfels import Surfels
 from toppling.models.scan.survey import survey
@@ -140,6 +140,7 @@ def test_stations_shifted_against_each_other_are_brought_back(stump):
     shift -= shift.mean(axis=0)
     apart = Cloud(cloud.points_m + shift[cloud.station], cloud.origin_m, cloud.station, cloud.files)
     back, told = register(apart)
+    check_fit(back, told)
     assert told["applied"]
     assert told["residual_m"] < 0.5 * told["residual_before_m"]
     left = np.linalg.norm(back.points_m - cloud.points_m, axis=1)

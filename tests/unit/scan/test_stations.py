@@ -84,12 +84,6 @@ def test_two_stations_that_fit_or_are_brought_back_are_taken(cloud, turn_deg, no
     check_fit(*register(two_of(cloud, turn_deg, noise_m)))
 
 
-def test_a_station_that_is_brought_back_is_taken(cloud):
-    back, told = register(with_one_off(cloud, 2, [0.0, 0.0, 0.05]))
-    assert told["applied"]
-    check_fit(back, told)
-
-
 def test_a_close_view_and_one_of_another_part_are_taken(cloud):
     """The third station saw the rock alone, the fourth a quarter of the ground alone."""
     near = np.linalg.norm(cloud.points_m - [0.0, 0.0, 1.0], axis=1) < 0.9

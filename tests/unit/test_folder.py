@@ -1,15 +1,24 @@
-"""Files and folders appear complete or not at all."""
+"""Files and folders appear complete or not at all, under paths of this machine, and are verified by their digest."""
 
 import errno
 import os
 import resource
 
+import numpy as np
 import pyarrow as pa
 import pytest
+from refusals import flip, refused
 
-from toppling.models.files import folder
-from toppling.models.files.digest import write_table
-from toppling.models.files.folder import FullDiskError, named_beside, new_file, new_folder
+from toppling.models.files import digest, folder
+from toppling.models.files.digest import read_table, write_table
+from toppling.models.files.folder import FullDiskError, local, named_beside, new_file, new_folder
+from toppling.models.files.stores import is_store
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.motions.motion import Motion
+from toppling.models.scene import Scene
+from toppling.orchestrator.campaign import Campaign
+from toppling.results.reader import open_run
+from toppling.workers.shake import shake
 
 
 def test_a_folder_has_its_name_only_when_all_is_written(tmp_path):
@@ -81,3 +90,140 @@ def test_a_file_that_grows_beyond_what_may_be_written_is_named_and_nothing_is_le
         resource.setrlimit(resource.RLIMIT_FSIZE, most)
     assert (told.value.errno, told.value.filename) == (errno.EFBIG, str(target))
     assert list(tmp_path.iterdir()) == []
+
+
+ADDRESSES = [
+    "s3://bucket/run", "gs://bucket/run", "S3://BUCKET/x", "az://c/x", "https://host/run", "file://host/x", "memory://x",
+    "s4://bucket/run", "any+thing://x",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("address", ADDRESSES)
+def test_addresses_are_refused_as_folders_and_nothing_is_made(address, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for use in (
+        local,
+        Scene.load,
+        Ensemble.load,
+        Scene.block(0.2, 0.2, 0.6).save,
+        lambda path: new_folder(local(path)).__enter__(),
+        lambda path: new_file(local(path)).__enter__(),
+    ):
+        with refused("file.is_address"):
+            use(address)
+    if not is_store(address):  # whose runs are brought here
+        with refused("file.is_address"):
+            open_run(address)
+    (tmp_path / "campaign.toml").write_text(
+        f'scene = "{address}"\nensemble = "e"\npga_m_s2 = [1]\nazimuth_deg = [0]\nfriction = [1]\n'
+    )
+    with refused("file.is_address"):
+        Campaign.read(tmp_path / "campaign.toml")
+    assert [path.name for path in tmp_path.iterdir()] == ["campaign.toml"]
+
+
+@pytest.mark.parametrize("address", ["file://{}", "file://localhost{}", "FILE://{}", "local://{}"])
+def test_addresses_of_this_machine_are_paths(address, tmp_path):
+    place = tmp_path / "with a blank"
+    given = address.format(str(place).replace(" ", "%20"))
+    assert local(given) == place
+    Scene.block(0.2, 0.2, 0.6).save(place)
+    assert Scene.load(given).id == Scene.load(place).id
+
+
+@pytest.mark.parametrize("path", ["runs/first", "/data/x:y/run", "../s3/run", "c/a:b", "s3:run"])
+def test_paths_with_colons_are_paths(path):
+    assert str(local(path)) == path
+
+
+def test_what_is_no_scene_or_no_motion_is_refused_by_its_kind():
+    block, still = Scene.block(0.2, 0.2, 0.6), Motion(np.zeros((10, 3)), 0.01)
+    for scene, motion in ((block, np.zeros((10, 3))), (block, None), ("scenes/rock", still), (still, block)):
+        with refused("shake.kind_unusable"):
+            shake(scene, motion)
+
+
+@pytest.fixture
+def table_file(tmp_path):
+    path = tmp_path / "table.parquet"
+    write_table(pa.table({"a": [1, 2, 3]}), path)
+    return path
+
+
+def test_a_file_is_read_whole_once_and_again_only_when_it_changed(table_file, monkeypatch):
+    hashed = []
+    genuine = digest._digest
+    monkeypatch.setattr(digest, "_digest", lambda file, place: hashed.append(1) or genuine(file, place))
+    monkeypatch.setattr(digest, "_UNSETTLED_S", 0.0)
+    for _ in range(3):
+        assert digest.check(table_file)
+    assert len(hashed) == 1
+    flip(table_file, 20)
+    with refused("file.damaged"):
+        digest.check(table_file)
+    assert len(hashed) == 2
+
+
+def test_a_file_of_this_moment_is_not_remembered_as_its_time_may_stay_when_it_changes(table_file):
+    state = table_file.stat()
+    assert digest.check(table_file)
+    flip(table_file, 20)
+    os.utime(table_file, ns=(state.st_atime_ns, state.st_mtime_ns))
+    with refused("file.damaged"):
+        digest.check(table_file)
+
+
+def test_the_digest_of_a_text_inside_does_not_stand_for_the_file(tmp_path):
+    inner = tmp_path / "inner.json"
+    digest.write_json(inner, {"a": 1})
+    outer = tmp_path / "outer.parquet"
+    table = pa.table({"a": [1]}).replace_schema_metadata({"zz": inner.read_bytes(), "aa": "x" * 200_000})
+    write_table(table, outer)
+    assert digest.check(outer, required=True)
+    assert read_table(outer).schema.metadata[b"zz"] == inner.read_bytes()
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".parquet", ".json", ".toml"])
+def test_each_byte_of_a_file_is_covered(tmp_path, suffix, monkeypatch):
+    path = tmp_path / f"file{suffix}"
+    if suffix == ".ply":
+        path = Scene.block(0.2, 0.2, 0.6).save(tmp_path / "scene") / "rock.ply"
+    elif suffix == ".parquet":
+        write_table(pa.table({"a": [1]}), path)
+    elif suffix == ".json":
+        digest.write_json(path, {"a": 1})
+    else:
+        digest.write_sealed("a = 1\n", path)
+    content = path.read_bytes()
+    for at in range(len(content)):
+        path.write_bytes(content[:at] + bytes([content[at] ^ 1]) + content[at + 1 :])
+        with refused("file.damaged"):
+            digest.check(path, required=True)
+
+
+@pytest.mark.parametrize("changed", [False, True])
+def test_a_json_is_whole_whatever_ends_its_lines_and_damaged_by_anything_else(tmp_path, changed):
+    path = tmp_path / "run.json"
+    digest.write_json(path, {"jobs": 96, "rock": "Échö"})
+    content = path.read_bytes().replace(b"\n", b"\r\n")
+    path.write_bytes(content.replace(b"96", b"97") if changed else content)
+    if changed:
+        with refused("file.damaged", path):
+            digest.read_json(path)
+    else:
+        assert digest.read_json(path) == {"jobs": 96, "rock": "Échö"}
+
+
+@pytest.mark.parametrize(
+    ("content", "why"),
+    [
+        (b"", "it is empty"),
+        (b"version https://git-lfs.github.com/spec/v1\n", "git lfs pull"),
+        (b"PAR1 of somebody else", "another program saved it again"),
+    ],
+)
+def test_a_file_without_a_digest_is_refused_with_what_it_looks_like(content, why, tmp_path):
+    path = tmp_path / "results.parquet"
+    path.write_bytes(content)
+    with refused("file.damaged", why):
+        digest.check(path, required=True)

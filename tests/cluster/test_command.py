@@ -40,13 +40,9 @@ def parts(run):
     return list((run / "parts").glob("part-*.parquet"))
 
 
-def ctrl_c(process):
-    os.killpg(process.pid, signal.SIGINT)
-
-
 def ctrl_c_six_times(process):
     for _ in range(6):
-        ctrl_c(process)
+        os.killpg(process.pid, signal.SIGINT)
         time.sleep(0.15)
 
 

@@ -103,7 +103,9 @@ def composed(tmp_path_factory):
     """Scheduler and a worker as the compose file starts them, on this machine: commands and environment are its own."""
     folder = tmp_path_factory.mktemp("composed")
     services = yaml.safe_load((Path(__file__).parents[2] / "docker-compose.yml").read_text())["services"]
-    port = free_port()
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        port = taken.getsockname()[1]
     (folder / "own").mkdir()
     own = {
         "/runs/.keys": str(folder / "keys"),
@@ -150,12 +152,6 @@ def apart(command, folder):
     unshared = ["unshare", "--mount", "sh", "-c", f'mount -t tmpfs none {folder / "own"} && exec "$@"', "sh"]
     may = shutil.which("unshare") and not subprocess.run([*unshared, "true"], capture_output=True).returncode
     return [*unshared, *command] if may else command
-
-
-def free_port():
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        return taken.getsockname()[1]
 
 
 def test_a_certificate_is_kept_until_its_last_weeks(tmp_path, monkeypatch):

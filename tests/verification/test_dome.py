@@ -123,30 +123,21 @@ def test_no_swing_on_a_dome_gains_energy_where_its_contact_passes_a_corner(yaw_d
         assert found.max_tilt_deg == pytest.approx(9.0, abs=0.05)
 
 
-def rough(x, y):
-    return sphere(x, y) + 0.002 * np.sin(60.0 * x) * np.sin(60.0 * y)
+NO_SMOOTH_DOMES = {
+    "rough": lambda x, y: sphere(x, y) + 0.002 * np.sin(60.0 * x) * np.sin(60.0 * y),
+    "a ridge": lambda x, y: -0.15 * np.abs(x) + 0.0 * y,
+    "a bowl": lambda x, y: -sphere(x, y),
+    "with a wall": lambda x, y: np.where(x > 0.45, 0.5, sphere(x, y)),
+}
 
 
-def ridge(x, y):
-    return -0.15 * np.abs(x) + 0.0 * y
-
-
-def bowl(x, y):
-    return -sphere(x, y)
-
-
-def with_wall(x, y):
-    return np.where(x > 0.45, 0.5, sphere(x, y))
-
-
-@pytest.mark.parametrize("surface", [rough, ridge, bowl, with_wall])
+@pytest.mark.parametrize("surface", NO_SMOOTH_DOMES.values(), ids=NO_SMOOTH_DOMES)
 def test_what_is_no_smooth_dome_keeps_its_triangles(surface):
     assert not is_smooth(block_on(dome(surface, 0.015)))
 
 
-@pytest.mark.parametrize("edge_m", [0.04])
-def test_a_dome_of_coarse_triangles_keeps_them(edge_m):
-    assert not is_smooth(block_on(dome(sphere, edge_m)))
+def test_a_dome_of_coarse_triangles_keeps_them():
+    assert not is_smooth(block_on(dome(sphere, 0.04)))
 
 
 @pytest.mark.parametrize(("rise_m", "smooth"), [(0.2, True), (0.05, False)])

@@ -10,15 +10,12 @@ from toppling.orchestrator.context import RunProgress
 from toppling.orchestrator.progress import bar, duration, pace, pace_and_counts, watcher
 
 
-def rows_of(count):
-    return pa.table({"status": ["ok"] * count, "toppled": [False] * count, "wall_s": [0.1] * count})
-
-
 @pytest.mark.parametrize(("done", "elapsed_s"), [(10, 2.0), (10, 400.0), (2000, 4.0)])
 def test_the_time_left_agrees_with_the_rate_beside_it(done, elapsed_s):
     progress = RunProgress(total=4320, before=320, began=0.0, ended=elapsed_s)
     assert "left" not in pace_and_counts(progress)
-    progress.count(rows_of(done))
+    rows = {"status": ["ok"] * done, "toppled": [False] * done, "wall_s": [0.1] * done}
+    progress.count(pa.table(rows))
     rate, left = (4000 - done) / progress.left_s, duration(progress.left_s)
     assert rate == pytest.approx(done / elapsed_s)
     assert pace_and_counts(progress).startswith(f"{pace(rate)}  {left} left  of {done} now 0 toppled")

@@ -116,17 +116,14 @@ def as_frame_of(jobs):
 
 
 def test_every_job_is_in_a_cell_or_counted_as_unplaced(hand_made):
-    crashed = frame_with(hand_made, row("f", status="crashed"), row("g", status="timeout"))
+    lost = [row("f", status="crashed", toppled=None), row("g", status="timeout", toppled=None)]
+    crashed = pd.concat([hand_made, as_frame_of(lost)], ignore_index=True)
     for plane in (PLANES["pga_pgv_pga"], PLANES["pga_pgv"]):
         table = cells(crashed, plane)
         assert table["jobs"].sum() + table["no_answer"].sum() + unplaced(crashed, plane) == len(crashed)
         split = DirectionCells.of(crashed, plane).table
         missing = unplaced(crashed, plane, by_direction=True)
         assert split["jobs"].sum() + split["no_answer"].sum() + missing == len(crashed)
-
-
-def frame_with(frame, *lost):
-    return pd.concat([frame, as_frame_of([{"toppled": None} | job for job in lost])], ignore_index=True)
 
 
 def test_jobs_beyond_the_end_of_an_axis_are_told_in_the_title_and_in_the_table(tmp_path):

@@ -21,10 +21,6 @@ def power_law(rate_at_one=1e-3, exponent=2.5, low=1e-4, high=1e4):
     return HazardCurve("power law", "pgv_m_s", x, rate_at_one * x**-exponent)
 
 
-def branches_of(*curves):
-    return [Branch(curve.name, 1 / len(curves), curve) for curve in curves]
-
-
 @settings(max_examples=25)
 @given(st.floats(0.3, 3.0), st.floats(0.1, 0.8), st.floats(1.0, 4.0))
 def test_a_power_law_hazard_with_a_lognormal_fragility_has_its_closed_form(median, beta, exponent):
@@ -62,7 +58,7 @@ def stood(*ages):
 def survival(curves, ages, hazard):
     """Of rocks of some fragilities and ages under one curve."""
     rocks = [Standing(str(number), curve) for number, curve in enumerate(curves)]
-    tree = HazardTree("pgv_m_s", tuple(branches_of(hazard)))
+    tree = HazardTree("pgv_m_s", (Branch(hazard.name, 1.0, hazard),))
     return Update.of_curves(rocks, tree, stood(*ages)).survival[0]
 
 

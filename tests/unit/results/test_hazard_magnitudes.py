@@ -4,6 +4,7 @@ import json
 import math
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -205,29 +206,14 @@ def test_a_model_that_does_not_cover_what_is_asked_is_refused(options, what):
         GroundMotionModel(**{"name": "bssa14", "measure": "pgv_m_s", "vs30_m_s": 760.0, **options})
 
 
-def a_fault(coordinates, kind="LineString", **properties):
-    return {
-        "type": "Feature",
-        "properties": properties,
-        "geometry": {"type": kind, "coordinates": coordinates},
-    }
-
-
-def written(tmp_path, *features):
-    path = tmp_path / "faults.geojson"
-    path.write_text(json.dumps({"type": "FeatureCollection", "features": list(features)}))
-    return path
-
-
 SITE = (-118.1, 34.7)
 
 
-def test_a_trace_is_as_far_as_its_nearest_point_not_its_nearest_corner(tmp_path):
+def test_a_trace_is_as_far_as_its_nearest_point_not_its_nearest_corner(faults):
     """Along a parallel, as GeoJSON means it, and not along a great circle."""
-    path = written(tmp_path, a_fault([[-119.1, 34.8], [-117.1, 34.8]], name="north", magnitude=7.5))
-    (trace,) = read_faults(path, SITE)
-    assert (trace.name, trace.magnitude) == ("north", 7.5)
-    assert trace.distance_km == pytest.approx(math.radians(0.1) * 6371, rel=1e-3)
+    (trace,) = read_faults(Path(faults), SITE)
+    assert (trace.name, trace.magnitude) == ("north", 7.8)
+    assert trace.distance_km == pytest.approx(math.radians(0.05) * 6371, rel=1e-3)
 
 
 @settings(max_examples=40)

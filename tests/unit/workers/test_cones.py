@@ -34,10 +34,6 @@ def solve_all(contacts, number, friction, inverse_inertia, velocity, room):
     return solved
 
 
-def unit(vectors):
-    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
-
-
 def random_impacts(random, count):
     """Bodies that strike ground: contacts anywhere around them, below them on a plane, in a groove and on a ridge."""
     shape = count, MOST_CONTACTS
@@ -57,7 +53,8 @@ def random_impacts(random, count):
         anywhere[:, :, 0], arms[:, :, 2], np.abs(arms[:, :, 0]) * np.tan(slope)[:, None] - half_m[:, 2:]
     )
     contacts = np.zeros(shape, CONTACT)
-    contacts["arm_m"], contacts["normal"] = arms, unit(np.where(anywhere, around, facets))
+    normals = np.where(anywhere, around, facets)
+    contacts["arm_m"], contacts["normal"] = arms, normals / np.linalg.norm(normals, axis=-1, keepdims=True)
     static = random.uniform(0.0, 3.0, count)
     kinetic = np.where(random.random(count) < 0.5, static, static * random.random(count))
     return {
@@ -147,19 +144,17 @@ def test_of_many_contacts_that_touch_the_few_that_carry_are_found():
     assert np.abs(velocity).max() < 1e-6
 
 
-def random_cones(random, contacts):
-    """Wrenches of contacts below a body of 1.3 m, whose normals lean up to 50 degrees."""
-    arms = np.column_stack([random.uniform(-0.4, 0.4, (contacts, 2)), random.uniform(-0.7, -0.5, contacts)])
-    normals = np.column_stack([random.uniform(-1.0, 1.0, (contacts, 2)), np.ones(contacts)])
-    return wrenches(arms, normals / np.linalg.norm(normals, axis=1)[:, None], 0.6)
-
-
 @pytest.mark.parametrize("contacts", [2, 3, 4, 6, 30, 200])
 def test_the_farthest_load_that_is_held_is_that_of_the_linear_programme_over_all_wrenches(contacts):
+    """Of contacts below a body of 1.3 m, whose normals lean up to 50 degrees."""
     random = np.random.default_rng(contacts)
     weight = np.array([0.0, 0.0, -9.81])
     for _ in range(20 if contacts < 100 else 2):
-        columns, way = random_cones(random, contacts), np.append(random.normal(size=2), 0.0)
+        low, high = [-0.4, -0.4, -0.7], [0.4, 0.4, -0.5]
+        arms, leans = random.uniform(low, high, (contacts, 3)), random.uniform(-1.0, 1.0, (contacts, 2))
+        normals = np.column_stack([leans, np.ones(contacts)])
+        columns = wrenches(arms, normals / np.linalg.norm(normals, axis=1)[:, None], 0.6)
+        way = np.append(random.normal(size=2), 0.0)
         solved = linprog(
             np.append(np.zeros(columns.shape[1]), -1.0),
             A_eq=np.column_stack([columns, np.append(way, np.zeros(3))]),

@@ -406,13 +406,10 @@ def test_a_rock_rolled_onto_its_next_face_passed_its_edge_then_and_not_as_it_was
     push = push + np.where((time > 8.0) & (time < 14.0), 6.2 * np.sin(4.0 * np.pi * time), 0.0)
     result = shake(scene, along_x(push), trajectory=True)
     assert (result.outcome, result.ended_by) == ("toppled", "rest_certain")
-    over_edge = int(np.argmax(turned_deg(result.trajectory.quaternion_xyzw) > 30.0))  # of a hexagon
+    turned_rad = 2.0 * np.arctan2(*np.abs(result.trajectory.quaternion_xyzw[:, [1, 3]]).T)
+    over_edge = int(np.argmax(turned_rad > np.pi / 6.0))  # of a hexagon
     assert result.trajectory.time_s[-1] > 14.0
     assert result.topple_time_s == pytest.approx(result.trajectory.time_s[over_edge], abs=0.005)
-
-
-def turned_deg(quaternion_xyzw):
-    return np.rad2deg(2.0 * np.arctan2(*np.abs(quaternion_xyzw[:, [1, 3]]).T))
 
 
 @pytest.mark.parametrize("push_m_s2", [4.5, 5.0, 5.5, 6.0])

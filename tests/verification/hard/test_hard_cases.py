@@ -299,10 +299,6 @@ def test_a_landing_never_stretches_a_step(down_m_s):
     assert result.status == "ok"
 
 
-def shaking_of(problem):
-    return Shaking(problem, engine_named(DEFAULT).steps(problem))
-
-
 @pytest.mark.parametrize(
     ("velocity_m_s", "limit_m_s"), [((np.nan, 0.0, 0.0), np.inf), ((0.0, 0.0, 5.0), 4.9)]
 )
@@ -314,7 +310,8 @@ def test_a_state_that_is_not_finite_or_too_fast_ends_as_diverged_never_as_topple
     step_s = settings.time_step_s(scene.rock.half_diagonal_m, G)
     dropped = partial(shake, scene, case.STILL, "fast", initial={"position_m": (0, 0, 0.7)}, trajectory=True)
     before = dropped()
-    shaking = shaking_of(Problem(scene, case.STILL, settings, step_s, start, False))
+    problem = Problem(scene, case.STILL, settings, step_s, start, False)
+    shaking = Shaking(problem, engine_named(DEFAULT).steps(problem))
     with monkeypatch.context() as patched:
         # Nothing that a caller may ask for makes the engine faster than its own.
         patched.setattr(Problem, "speed_limit_m_s", limit_m_s)

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from toppling.models.arrays import Array
 from toppling.results.analysis.constraint import Constraint
-from toppling.results.drawing.sentences import MOST_NAMED, ages_words
+from toppling.results.drawing.sentences import MOST_NAMED, ages_words, share_words
 from toppling.results.drawing.style import (
     COLOURS,
     FULL_WIDTH_IN,
@@ -119,9 +119,7 @@ def _draw_named(
 
 
 def _verdict(row: pd.Series) -> str:
-    survival = row["survival"]
-    words = f"{survival:.2f}" if survival >= 0.01 else f"{survival:.0e}" if survival > 1e-99 else "0"
-    return f": survival {words}, {'inconsistent' if row['inconsistent'] else 'consistent'}"
+    return f": survival {share_words(row['survival'])}, {'inconsistent' if row['inconsistent'] else 'consistent'}"
 
 
 def _within(bound: pd.DataFrame, branch: HazardCurve) -> Array:

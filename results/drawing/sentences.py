@@ -85,18 +85,19 @@ def answer(statement: dict[str, Any]) -> list[str]:
     out = counts["branches_inconsistent"]
     if not several:
         verdict = "inconsistent" if out else "consistent"
-        first = f"The hazard is {verdict} with {standing} {at}: survival is {_percent(alive[0])}."
+        first = f"The hazard is {verdict} with {standing} {at}: survival is {share_words(alive[0])}."
         return [first, _allowed(statement)]
     if out == len(alive):
-        most = _percent(max(alive))
-        first = f"All {out} branches of the hazard are inconsistent with {standing} {at}: survival is at most {most}."
+        most = share_words(max(alive))
+        every = "Both" if out == 2 else f"All {out}"
+        first = f"{every} branches of the hazard are inconsistent with {standing} {at}: survival is at most {most}."
         return [first, _allowed(statement)]
     lines = [line for line in (*_falls(statement), _allowed(statement)) if line]
-    weight = f", with {_percent(counts['weight_inconsistent'])} of the prior weight" if out else ""
+    weight = f", with {share_words(counts['weight_inconsistent'])} of the prior weight" if out else ""
     return [
         *lines,
-        f"Survival under the {len(alive)} branches is {_percent(counts['survival_mean_of_branches'])} on average, "
-        f"{_percent(min(alive))} to {_percent(max(alive))}; {out or 'none'} of them "
+        f"Survival under the {len(alive)} branches is {share_words(counts['survival_mean_of_branches'])} on average, "
+        f"{share_words(min(alive))} to {share_words(max(alive))}; {out or 'none'} of them "
         f"{'are' if out > 1 else 'is'} inconsistent with {standing} {at}{weight}.",
         f"The branch set counts as {counts['effective_branches_prior']:.3g} equal branches by its prior weights, "
         f"and {counts['effective_branches_posterior']:.3g} by its posterior weights.",
@@ -157,7 +158,7 @@ def _allowed(statement: dict[str, Any]) -> str:
     """Sentence on the largest factors by which the mean hazard, or the single curve, may be scaled."""
     of = statement["mean"]
     which = "the hazard" if len(statement["branches"]) == 1 else "the mean hazard"
-    least = _percent(1.0 - statement["confidence"])
+    least = share_words(1.0 - statement["confidence"])
     if of["scale_factor"] is None:
         return f"However strong {which}'s motions were, survival would stay above {least}: there are too few events."
     allowed = "already too strong" if of["scale_factor"] < 1 else "compatible as it is"
@@ -175,8 +176,13 @@ def _with_ends(row: dict[str, Any], name: str) -> str:
     return f"{value} ({low:.3g} {'or more' if high is None else f'to {high:.3g}'}, 95 %)"
 
 
-def _percent(share: float) -> str:
+def share_words(share: float) -> str:
+    """Format a probability or weight as percentage, without figures of one too small to matter."""
     return "less than 0.01 %" if 0.0 < share < 1e-4 else f"{100 * share:.3g} %"
+
+
+def _change(first: float, last: float) -> str:
+    return " to ".join(dict.fromkeys(map(share_words, (first, last))))
 
 
 def _varying(statement: dict[str, Any]) -> str:
@@ -334,10 +340,12 @@ def _branch_lines(statement: dict[str, Any]) -> list[str]:
         verdict = "inconsistent" if branch["inconsistent"] else "consistent"
         weights = ""
         if len(branches) > 1 and branch["posterior_weight"] is not None:
-            weights = f"; weight {branch['prior_weight']:.3g}, posterior {branch['posterior_weight']:.3g}"
+            weights = (
+                f"; prior to posterior weight {_change(branch['prior_weight'], branch['posterior_weight'])}"
+            )
         lines.append(
-            f"{branch['name']}: topples at {branch['toppling_rate']:.2e} a year, survival {branch['survival']:.3g}, "
-            f"{verdict} at {100 * statement['confidence']:g} %{weights}"
+            f"{branch['name']}: topples at {branch['toppling_rate']:.2e} a year, "
+            f"survival {share_words(branch['survival'])}, {verdict} at {100 * statement['confidence']:g} %{weights}"
         )
         if few:
             lines += [*_reserved(branch, statement), *_taken_at(branch)]
@@ -349,7 +357,7 @@ def _branch_lines(statement: dict[str, Any]) -> list[str]:
     lost = max(sum(branch.get(name, 0.0) for name in _OUTSIDE) for branch in branches)
     if lost > 0.01 and not few:
         lines.append(
-            f"  up to {_percent(lost)} of a branch's toppling rate may lie outside its points: not counted"
+            f"  up to {share_words(lost)} of a branch's toppling rate may lie outside its points: not counted"
         )
     return lines
 
@@ -362,12 +370,12 @@ def _tree_lines(statement: dict[str, Any]) -> list[str]:
         if rows[0]["moved"] < _LEAST_FRACTION:
             continue
         lines.append(
-            f"logic-tree level {level}: the rocks move {_percent(rows[0]['moved'])} of its weight ("
-            + ", ".join(f"{r['choice']} {r['prior_weight']:.3g} to {r['posterior_weight']:.3g}" for r in rows)
+            f"logic-tree level {level}: the rocks move {share_words(rows[0]['moved'])} of its weight ("
+            + ", ".join(f"{r['choice']} {_change(r['prior_weight'], r['posterior_weight'])}" for r in rows)
             + ")"
         )
     if parts := [part for part in statement.get("parts", ()) if (part["share"] or 0.0) >= _LEAST_FRACTION]:
-        named = ", ".join(f"{_percent(part['share'])} is from {part['part']}" for part in parts)
+        named = ", ".join(f"{share_words(part['share'])} is from {part['part']}" for part in parts)
         lines.append(f"Of the toppling rate, {named}.")
     return lines
 
@@ -388,14 +396,14 @@ def _reserved(branch: dict[str, Any], statement: dict[str, Any]) -> list[str]:
     lines = []
     if low is not None:
         hangs = "; the verdict depends on them" if low < least <= high else ""
-        lines.append(f"  survival {low:.3g} to {high:.3g} with {_varying(statement)} (95 %){hangs}")
+        lines.append(f"  survival {_change(low, high)} with {_varying(statement)} (95 %){hangs}")
     for name, where in _OUTSIDE.items():
         if (share := branch.get(name, 0.0)) > 0.01:
             lines.append(f"  {100 * share:.0f} % of its toppling rate may lie {where}: not counted")
     if branch.get("survival_least", 1.0) < least <= branch["survival"]:
         lines.append(
-            f"  including it, survival would be {branch['survival_least']:.3g} and the branch inconsistent: give a "
-            "curve that extends further"
+            f"  including it, survival would be {share_words(branch['survival_least'])} and the branch "
+            "inconsistent: give a curve that extends further"
         )
     return lines
 
@@ -435,6 +443,6 @@ def _event_lines(statement: dict[str, Any]) -> list[str]:
         )
     predicted = {row["left_out"]: row["survival_predicted"] for row in statement["left_out"]}
     return lines + [
-        f"Without {name}: the other rocks predict that it stands with {0.0 if chance is None else chance:.3g}"
+        f"Without {name}: the other rocks predict that it stands with {share_words(chance or 0.0)}"
         for name, chance in predicted.items()
     ]

@@ -29,6 +29,7 @@ from toppling.results.drawing.sentences import (
     by_site_and_measure,
     fragility_words,
     rate_words,
+    share_words,
 )
 from toppling.results.drawing.style import (
     FULL_WIDTH_IN,
@@ -175,7 +176,10 @@ def _picked(rows: Sequence[Mapping[str, Any]], names: Mapping[str, str]) -> pd.D
     """Columns of rows under other names, numbers to three digits; those that no row has are left out."""
     table = pd.DataFrame(list(rows), dtype=object).reindex(columns=list(names))
     some = table.dropna(axis="columns", how="all")
-    return some.map(lambda one: digits(one) if isinstance(one, float) else one).rename(columns=dict(names))
+    for name in some:
+        words = _weight if "weight" in name or "survival" in name else digits
+        some[name] = [words(one) if isinstance(one, float) else one for one in some[name]]
+    return some.rename(columns=dict(names))
 
 
 def branches_table(statement: dict[str, Any], document: Document) -> list[Block]:
@@ -188,9 +192,9 @@ def branches_table(statement: dict[str, Any], document: Document) -> list[Block]
     rows = [*heaviest, statement["mean"]] if len(statement["branches"]) > 1 else heaviest
     table = pd.DataFrame([
         {
-            "branch": row["name"], "prior weight": digits(row.get("prior_weight")),
-            "posterior weight": digits(row.get("posterior_weight")),
-            "survival": _with_ends(row, "survival"), "motions at most times": _with_ends(row, "scale_factor"),
+            "branch": row["name"], "prior weight": _weight(row.get("prior_weight")),
+            "posterior weight": _weight(row.get("posterior_weight")),
+            "survival": _with_ends(row, "survival", _weight), "motions at most times": _with_ends(row, "scale_factor"),
             "rates at most times": _with_ends(row, "rate_factor"),
             "verdict": "" if "inconsistent" not in row else "inconsistent" if row["inconsistent"] else "consistent",
         }
@@ -207,10 +211,14 @@ def branches_table(statement: dict[str, Any], document: Document) -> list[Block]
     return [document.table(table, " ".join([caption, *more, *assumed]))]
 
 
-def _with_ends(row: dict[str, Any], name: str) -> str:
+def _weight(share: float | None) -> str:
+    return "" if share is None else share_words(share)
+
+
+def _with_ends(row: dict[str, Any], name: str, words: Callable[[Any], str] = digits) -> str:
     if (row[name] or 0.0) > LARGEST_FACTOR:
         return "any factor"
-    value, low, high = (digits(row[f"{name}{end}"]) for end in ("", "_low", "_high"))
+    value, low, high = (words(row[f"{name}{end}"]) for end in ("", "_low", "_high"))
     return f"{value} ({low}-{high or '∞'})" if low else value
 
 

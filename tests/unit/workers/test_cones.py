@@ -13,13 +13,6 @@ from toppling.models.ground.touching import Touching, solver_room
 ENOUGH_M_S = 1e-9
 
 
-@compiled
-def solve(contacts, friction, inverse_inertia, velocity, room):
-    return solve_cones(
-        Touching(contacts, len(contacts), friction, inverse_inertia, velocity, ENOUGH_M_S, room)
-    )
-
-
 MOST_CONTACTS = 12
 
 
@@ -32,6 +25,18 @@ def solve_all(contacts, number, friction, inverse_inertia, velocity, room):
         at = Touching(contacts[i], number[i], limits, inverse_inertia[i], velocity[i], ENOUGH_M_S, room)
         solved += solve_cones(at)
     return solved
+
+
+def solve(contacts, friction, inverse_inertia, velocity, room):
+    """Solve one problem in place, by the code that is compiled for many."""
+    many = (
+        contacts[None],
+        np.array([len(contacts)]),
+        np.array([friction]),
+        inverse_inertia[None],
+        velocity[None],
+    )
+    return solve_all(*many, room) == 1
 
 
 def random_impacts(random, count):

@@ -1,4 +1,4 @@
-"""Statics of a rock on its pedestal: support polygon, lift-off, quasi-static toppling, cone of equilibrium.
+"""Statics of a rock on its pedestal: support polygon, quasi-static toppling, cone of equilibrium.
 
 All functions apply to the interface plane; an uneven surface has a support polygon only where it lies in that plane.
 """
@@ -10,10 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
 
 from toppling.models.arrays import Array
-from toppling.models.facet_path import Seat
 from toppling.models.frames import horizontal_unit_vector, plane_axes
 from toppling.models.pedestal import Pedestal
 from toppling.models.relief import contact_feet_m
@@ -28,8 +26,7 @@ from toppling.models.support import (
 
 __all__ = [
     "CONTACT_SHARE_OF_HEIGHT", "EQUILIBRIUM_MARGIN", "TOPPLED_FALL", "TOPPLED_TILT_DEG", "Limits", "at_rest",
-    "equilibrium_possible", "holds_still", "lift_off_m_s2", "polygon", "quasi_static_toppling_m_s2", "slides_m_s2",
-    "support_polygon_m", "tipping_m_s2",
+    "equilibrium_possible", "holds_still", "polygon", "quasi_static_toppling_m_s2", "slides_m_s2", "support_polygon_m",
 ]  # fmt: skip
 
 EQUILIBRIUM_MARGIN = 1e-9
@@ -56,23 +53,9 @@ def support_polygon_m(rock: Rock, pedestal: Pedestal) -> Array:
     rock's feet (:mod:`models.relief`). Fewer than three corners mean that the rock stands on a point or a line within
     ``CONTACT_SHARE_OF_HEIGHT``: it rolls, or is not seated.
     """
-    return polygon(_contact_points(rock, pedestal), pedestal.normal, CONTACT_SHARE_OF_HEIGHT * rock.height_m)
-
-
-def lift_off_m_s2(
-    rock: Rock, pedestal: Pedestal, gravity_m_s2: float, azimuths_deg: Iterable[float]
-) -> list[tuple[float, float]]:
-    """Least constant horizontal ground acceleration that moves the rock off its support, by its azimuth.
-
-    A rock that does not stand on three points is first settled onto a facet of its hull under gravity. No slip. Zero
-    where gravity alone topples the rock, infinite where no acceleration of this azimuth lifts it.
-
-    Returns
-    -------
-    list of (azimuth_deg, acceleration_m_s2)
-    """
-    seat = Seat.of(rock, pedestal)
-    return [(float(az), seat.path(gravity_m_s2, float(az))[0]) for az in azimuths_deg]
+    feet, width_m = contact_feet_m(rock, pedestal), CONTACT_SHARE_OF_HEIGHT * rock.height_m
+    gap = (feet - pedestal.point_m) @ pedestal.normal
+    return polygon(feet[gap <= gap.min() + width_m], pedestal.normal, width_m)
 
 
 def quasi_static_toppling_m_s2(
@@ -80,13 +63,15 @@ def quasi_static_toppling_m_s2(
 ) -> list[tuple[float, float]]:
     """Least constant horizontal ground acceleration, slowly applied, that topples, by its azimuth.
 
-    End of the quasi-static path (:mod:`models.facet_path`): the acceleration beyond which there is no stable pose with
-    a tilt up to ``TOPPLED_TILT_DEG`` and a centre of mass lowered by at most ``TOPPLED_FALL``. A rock with a flat
-    sharp-edged base topples when it lifts off; one with a rounded base rolls first. No slip.
+    End of the quasi-static path (:mod:`models.ground.facet_path`): the acceleration beyond which there is no stable
+    pose with a tilt up to ``TOPPLED_TILT_DEG`` and a centre of mass lowered by at most ``TOPPLED_FALL``. A rock with a
+    flat sharp-edged base topples when it lifts off; one with a rounded base rolls first. No slip.
 
     Returns list of (azimuth_deg, acceleration_m_s2): zero where gravity alone topples the rock, infinite where no
     acceleration of this azimuth does.
     """
+    from toppling.models.ground.facet_path import Seat  # which compiles
+
     seat = Seat.of(rock, pedestal)
     return [(float(az), seat.path(gravity_m_s2, float(az))[1]) for az in azimuths_deg]
 
@@ -115,19 +100,18 @@ def at_rest(rock: Rock, pedestal: Pedestal, gravity_m_s2: float) -> tuple[Array,
     It rolls quasi-statically without slip from facet to facet of its hull until one is stable. The three or more feet
     of that facet lie in the interface plane within ``CONTACT_SHARE_OF_HEIGHT``.
     """
+    from toppling.models.ground.facet_path import Seat  # which compiles
+
     seat = Seat.of(rock, pedestal)
     gravity = seat.frame @ np.array([0.0, 0.0, -gravity_m_s2])
     rest = seat.fallen(gravity)
     if rest is None:
         return None
-    before, after = seat.pose.points, rest.points
-    turn = Rotation.align_vectors(after - after.mean(axis=0), before - before.mean(axis=0))[0].as_matrix()
+    turn, moved = rest
     feet = contact_feet_m(rock, pedestal)
-    lowest = ((feet - pedestal.point_m) @ pedestal.normal).min()
+    lowest = pedestal.normal * ((feet - pedestal.point_m) @ pedestal.normal).min()
     in_scene = seat.frame.T @ turn @ seat.frame
-    lowered = before.mean(axis=0) + np.array([0.0, 0.0, lowest])
-    shift = pedestal.point_m - in_scene @ pedestal.point_m
-    shift = shift + seat.frame.T @ (after.mean(axis=0) - turn @ lowered)
+    shift = pedestal.point_m - in_scene @ (pedestal.point_m + lowest) + seat.frame.T @ moved
     gap = (feet @ in_scene.T + shift - pedestal.point_m) @ pedestal.normal
     return in_scene, shift - gap.min() * pedestal.normal
 
@@ -196,51 +180,3 @@ def holds_still(
     arm = np.linalg.norm(corners_m - com_m, axis=1).max()
     held = (holding >= margin[:, None] * arm).all(axis=1)
     return (pressing > margin) & grips & held
-
-
-def tipping_m_s2(
-    corners_m: Array, com_m: Array, normal: Array, gravity_m_s2: float, azimuths_deg: Iterable[float]
-) -> list[tuple[float, float]]:
-    """Least constant horizontal ground acceleration that topples a rock over an edge of a given support polygon.
-
-    Anooshehpoor, Brune and Zeng's formula (2004) for each edge, without slip: the line of action of gravity minus
-    ground acceleration leaves the polygon.
-
-    Parameters
-    ----------
-    corners_m : (k, 3) array
-        Counter-clockwise seen against the normal.
-    com_m, normal : (3,) array
-    azimuths_deg : iterable of float
-        Azimuths of the ground's acceleration.
-
-    Returns
-    -------
-    list of (azimuth_deg, acceleration_m_s2)
-        Zero where gravity alone topples it, infinite where no acceleration of this azimuth does.
-
-    Examples
-    --------
-    A block of 0.4 x 0.4 x 1.2 m: g times half its width over half its height.
-
-    >>> corners = np.array([[-.2, -.2, 0], [.2, -.2, 0], [.2, .2, 0], [-.2, .2, 0]])
-    >>> com, up = np.array([0, 0, .6]), np.array([0.0, 0, 1])
-    >>> [(azimuth, round(float(value), 3)) for azimuth, value in tipping_m_s2(corners, com, up, 9.81, [0, 45])]
-    [(0, 3.27), (45, 4.624)]
-    """
-    arms = moment_arms(corners_m, com_m, normal)
-    holding = arms @ np.array([0.0, 0.0, -gravity_m_s2])
-    found = []
-    for azimuth in azimuths_deg:
-        tipping = arms @ horizontal_unit_vector(azimuth)
-        over = tipping > 0.0
-        least = float((holding[over] / tipping[over]).min()) if over.any() else np.inf
-        found.append((azimuth, max(least, 0.0)))
-    return found
-
-
-def _contact_points(rock: Rock, pedestal: Pedestal) -> Array:
-    """Feet (k, 3) of the rock that touch the interface plane, scene frame."""
-    feet = contact_feet_m(rock, pedestal)
-    gap = (feet - pedestal.point_m) @ pedestal.normal
-    return feet[gap <= gap.min() + CONTACT_SHARE_OF_HEIGHT * rock.height_m]

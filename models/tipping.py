@@ -16,10 +16,10 @@ from scipy.spatial.transform import Rotation
 from toppling.models.compiled import Array
 from toppling.models.frames import horizontal_unit_vector
 from toppling.models.ground.body import GroundedBody
-from toppling.models.ground.contacts import MOST
+from toppling.models.ground.contacts import LEANING, MOST
 from toppling.models.ground.curved import FIRST_KEY as FIRST_SMOOTH_KEY
 from toppling.models.ground.equilibrium import farthest_load, shortest, wrenches
-from toppling.models.ground.stepping import Grounded, contacts_at_pose
+from toppling.models.ground.stepping import Grounded, contacts_at
 from toppling.models.pivots import Turn, crossed, tips_m_s2, turn_under
 from toppling.models.statics import Limits
 
@@ -128,7 +128,8 @@ def _followed(body: GroundedBody, azimuth_deg: float) -> tuple[float, float]:
 
 def _near(sim: Grounded, pose: Array, way_m: float) -> np.ndarray:
     """Contacts that a step of some length may reach."""
-    return sim.trial[: contacts_at_pose(sim, pose, 2.0 * way_m)].copy()
+    bodies = sim.rock, sim.ground, sim.curved, sim.facets
+    return sim.trial[: contacts_at(bodies, pose, 2.0 * way_m, LEANING, sim.lists, sim.trial)].copy()
 
 
 def _balanced_m_s2(touching: np.ndarray, load: Array, push: Array) -> float:

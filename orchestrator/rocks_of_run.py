@@ -10,10 +10,10 @@ import numpy as np
 
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
-from toppling.models.pedestal import ContactProperties
+from toppling.models.pedestal import ContactProperties, Pedestal
 from toppling.models.scene import Scene
 from toppling.models.settling import Settling
-from toppling.models.statics import polygon, support_polygon_m, tipping_m_s2
+from toppling.models.statics import polygon, quasi_static_toppling_m_s2, support_polygon_m
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.plan import Plan, PlannedScene
 from toppling.orchestrator.site_table import Site
@@ -151,8 +151,10 @@ class Settled:
         outline, scene = self.outline_m, self.scanned
         if len(outline) < 3:
             return scene.quasi_static_toppling_m_s2(_AZIMUTHS_DEG)
-        return tipping_m_s2(
-            outline, scene.rock.com_m, scene.pedestal.normal, scene.gravity_m_s2, _AZIMUTHS_DEG)  # fmt: skip
+        plane = Pedestal(scene.pedestal.point_m, scene.pedestal.normal)
+        over_m = (outline - plane.point_m) @ plane.normal
+        on_outline = dataclasses.replace(scene.rock, feet_m=outline - over_m[:, None] * plane.normal)
+        return quasi_static_toppling_m_s2(on_outline, plane, scene.gravity_m_s2, _AZIMUTHS_DEG)
 
     @property
     def rose_stands(self) -> _Rose:

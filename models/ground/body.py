@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from toppling.models.compiled import Array, Flags
 from toppling.models.errors import InputError
 from toppling.models.frames import plane_axes
-from toppling.models.ground.contacts import CONTACT, LEANING, MOST, contacts_at
+from toppling.models.ground.contacts import CONTACT, LEANING, MOST
 from toppling.models.ground.creeping import settle
 from toppling.models.ground.curved import NO_CURVED, CurvedGround, untouched
 from toppling.models.ground.dome import curved_ground
@@ -25,13 +25,12 @@ from toppling.models.ground.facets import (
     Facets,
     facets_below,
     not_looked_at,
-    rounded_contacts_at,
 )
 from toppling.models.ground.mesh import ContactMesh, contact_mesh, not_touching
 from toppling.models.ground.pairs import Lists, empty_lists
 from toppling.models.ground.plane import NO_POINTS
 from toppling.models.ground.rolling import NO_ROLLING, rolling_surface
-from toppling.models.ground.stepping import Grounded, work_room
+from toppling.models.ground.stepping import Grounded, contacts_at, work_room
 from toppling.models.kept import kept
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
@@ -126,11 +125,10 @@ class GroundedBody:
     ) -> np.ndarray:
         """Contacts (records of CONTACT) in a pose (7,), the nearest; margin and leaning as of :func:`contacts_in`."""
         pose, out = np.ascontiguousarray(pose), np.empty(most, CONTACT)
-        if self.rolls_on_facets:
-            reach = margin_m, leaning
-            bodies = self.rock, self.rounded, self.ground
-            return out[: rounded_contacts_at(*bodies, pose, reach, self._lists, out)]
-        return out[: contacts_at(self.rock, self.ground, pose, margin_m, leaning, self._lists, out)]
+        # Where the place stays at a seam of patches, what is found depends on what the search begins with.
+        self.rounded.angles[:], self.rounded.lowest[:] = 0.0, self.rounded.surface.lowest[:, None, None]
+        bodies = self.rock, self.ground, NO_CURVED, self.rounded
+        return out[: contacts_at(bodies, pose, margin_m, leaning, self._lists, out)]
 
     def wrenches(self, pose: Array) -> Array:
         """What the contacts that may carry in a pose can give, as :func:`equilibrium.wrenches`."""

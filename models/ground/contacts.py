@@ -11,13 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from toppling.models.compiled import Array, compiled, inner
+from toppling.models.compiled import Array, inner
 from toppling.models.ground.mesh import ContactMesh
 from toppling.models.ground.nearest import between, nearest
-from toppling.models.ground.pair_search import find
 from toppling.models.ground.pairs import (
     FEATURES_AT_A_POINT,
-    Lists,
     Pairs,
     PointRoom,
     ends_of,
@@ -314,18 +312,3 @@ def _across(bodies: Any, edges: Any, placed: Any, margin_m: float, out: Any, cou
         key = (2 << 60) + i * len(ground.edges) + j
         count = add(out, count, key, gap, n, place, pose)
     return count, apart_m
-
-
-@compiled
-def contacts_at(
-    rock: ContactMesh,
-    ground: ContactMesh,
-    pose: Array,
-    margin_m: float,
-    leaning: float,
-    lists: Lists,
-    out: Any,
-) -> int:
-    """Contacts with gaps up to a margin in a pose (7,); how many."""
-    find(rock, ground, pose, margin_m, lists)
-    return contacts_in(rock, ground, lists.nearest, pose, margin_m, leaning, out)

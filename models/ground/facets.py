@@ -14,12 +14,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from toppling.models.compiled import Array, Indices, Vector, compiled, inner
-from toppling.models.ground.contacts import add, contacts_in
+from toppling.models.compiled import Array, Indices, Vector, inner
+from toppling.models.ground.contacts import add
 from toppling.models.ground.grid import cell_of
 from toppling.models.ground.mesh import ContactMesh, normals_beside_edges, sides_at_edges
-from toppling.models.ground.pair_search import find
-from toppling.models.ground.pairs import Lists, moved_m
+from toppling.models.ground.pairs import moved_m
 from toppling.models.ground.rolling import NO_ROLLING, RollingSurface, follow, lowest_within, placed_on
 from toppling.models.ground.vectors import copy, dot, minus, plus, rotation_of, turned, turned_back
 from toppling.models.joined import joined_parts
@@ -330,21 +329,3 @@ def _missed(
     feature = edge + len(on.normals) - len(on.ways)
     place, on_crease = _farthest(on, part, feature, role, _between(on, edge, angle), placed)
     return place, on_crease, dot(_between(on, edge, angle + 0.5 * math.pi), minus(place, on.places[feature]))
-
-
-@compiled
-def rounded_contacts_at(
-    rock: ContactMesh, on: Facets, ground: ContactMesh, pose: Array, reach: Any, lists: Lists, out: Any
-) -> int:
-    """Contacts of a rock with a rounded base in a pose (7,), whatever was found before; how many.
-
-    reach: up to which gap, and the sine `leaning` of :func:`contacts.contacts_in`.
-    """
-    margin_m, leaning = reach
-    # Where the place stays at a seam of patches, what is found depends on what the search begins with.
-    on.angles[:] = 0.0
-    for part in range(len(on.lowest)):
-        on.lowest[part] = on.surface.lowest[part]
-    find(rock, ground, pose, margin_m, lists)
-    count = contacts_in(rock, ground, lists.nearest, pose, margin_m, leaning, out)
-    return rounded_contacts(on, ground, pose, margin_m, lists.nearest.turn, out, count)

@@ -388,10 +388,23 @@ def _take_back(sim: Grounded, count: int, step_s: float, pose: Array, velocity: 
 
 
 @compiled
-def contacts_at_pose(sim: Grounded, pose: Array, margin_m: float) -> int:
-    """Put the contacts with gaps up to a margin in a pose into `sim.trial`; how many."""
-    rotation_of(pose, sim.work.turn)
-    return _contacts(sim, pose, margin_m)
+def contacts_at(bodies: Any, pose: Array, margin_m: float, leaning: float, lists: Lists, out: Any) -> int:
+    """Contacts on the ground's own surface in a pose (7,), as of :func:`contacts.contacts_in`; how many."""
+    return _on_surface(bodies, pose, margin_m, leaning, lists, out)
+
+
+@inner
+def _on_surface(bodies: Any, pose: Array, margin_m: float, leaning: float, lists: Lists, out: Any) -> int:
+    (rock, ground, curved, facets), nearest = bodies, lists.nearest
+    if len(curved.coefficients) > 0:
+        count = curved_contacts(curved, pose, margin_m, nearest.turn, out)
+        if count >= 0:
+            return count
+    find(rock, ground, pose, margin_m, lists)
+    count = contacts_in(rock, ground, nearest, pose, margin_m, leaning, out)
+    if len(facets.apart_m) > 0:
+        count = rounded_contacts(facets, ground, pose, margin_m, nearest.turn, out, count)
+    return count
 
 
 @inner
@@ -404,15 +417,8 @@ def _contacts(sim: Grounded, pose: Array, margin: float) -> int:
         lengths_m = sim.size_m, sim.lists.farthest_m
         return plane_contacts(sim.over, pose, sim.work.turn, lengths_m, margin, sim.trial)
     sim.counts[7] = 0
-    if len(sim.curved.coefficients) > 0:
-        count = curved_contacts(sim.curved, pose, margin, nearest.turn, sim.trial)
-        if count >= 0:
-            return count
-    find(sim.rock, sim.ground, pose, margin, sim.lists)
-    count = contacts_in(sim.rock, sim.ground, nearest, pose, margin, LEANING, sim.trial)
-    if len(sim.facets.apart_m) > 0:
-        count = rounded_contacts(sim.facets, sim.ground, pose, margin, nearest.turn, sim.trial, count)
-    return count
+    bodies = sim.rock, sim.ground, sim.curved, sim.facets
+    return _on_surface(bodies, pose, margin, LEANING, sim.lists, sim.trial)
 
 
 @inner

@@ -12,7 +12,7 @@ from scipy.spatial import ConvexHull
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.frames import STANDARD_GRAVITY_M_S2
-from toppling.models.hidden_base.draws import BaseDraw, UnseenBase, least_feet
+from toppling.models.hidden_base.draws import BaseDraw, UnseenBase
 from toppling.models.hidden_base.evidence import (
     OTHER_ERRORS_SHARE,
     Pulls,
@@ -28,13 +28,7 @@ from toppling.models.hidden_base.gap import GapDraw, draw_gaps, encloses, resamp
 from toppling.models.hidden_base.inspection import Inspection
 from toppling.models.hidden_base.intervals import FEW_DISTINCT
 from toppling.models.hidden_base.observed import HiddenPart, hidden_part, reliefs
-from toppling.models.hidden_base.statics import (
-    BAND_PER_HEIGHT,
-    FEET_PER_HEIGHT,
-    DrawStatics,
-    low_feet,
-    mass_moved_m,
-)
+from toppling.models.hidden_base.statics import BAND_PER_HEIGHT, DrawStatics, mass_moved_m
 from toppling.models.hidden_base.underside import Base, Underside
 from toppling.models.pedestal import Pedestal
 from toppling.models.proportions import effective_number
@@ -193,10 +187,8 @@ def _once_each(kept: list[Candidate], statics: DrawStatics) -> list[tuple[Array,
     once: dict[tuple[int, bytes], tuple[Array, Array, Array]] = {}
     for gap, com_m in kept:
         if (key := (id(gap), com_m.tobytes())) not in once:
-            low = low_feet(statics.part, gap, statics.side, statics.height_m)
-            com = statics.interface.flat(com_m[None])[0]
-            feet = least_feet(low, statics.high, com, FEET_PER_HEIGHT * statics.height_m)
-            once[key] = (*statics.path_m_s2(gap, com_m, tuple(AZIMUTHS_DEG)), feet)
+            feet = statics.few_feet(gap, com_m)
+            once[key] = (*statics.path_m_s2(gap, com_m, tuple(AZIMUTHS_DEG), feet), feet)
     return [once[id(gap), com_m.tobytes()] for gap, com_m in kept]
 
 

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import ConvexHull, cKDTree
-from scipy.spatial.transform import Rotation
 
 from toppling.models.arrays import Array
-from toppling.models.facet_path import Seat
 from toppling.models.frames import STANDARD_GRAVITY_M_S2, horizontal_unit_vector
+from toppling.models.ground.facet_path import Seat
 from toppling.models.hidden_base.draws import feet_above_m, least_feet
 from toppling.models.hidden_base.gap import GapDraw
 from toppling.models.hidden_base.near_interface import SIDE_TANGENT
@@ -55,15 +54,25 @@ class DrawStatics:
         few = least_feet(high, above, com, _HIGHER_FEET_PER_HEIGHT * height_m)
         return cls(rock, interface, part, side, few, height_m)
 
-    def path_m_s2(self, gap: GapDraw, com_m: Array, azimuths_deg: tuple[float, ...]) -> tuple[Array, Array]:
-        """Quasi-static accelerations (n,) at lift-off and at toppling on one draw; over a surface both at toppling."""
-        low = low_feet(self.part, gap, self.side, self.height_m)
+    def few_feet(self, gap: GapDraw, com_m: Array) -> Array:
+        """Feet (k, 3) of a draw that decide how it rocks, as a scene keeps them: u, v and clearance."""
+        low = _low_feet(self.part, gap, self.side, self.height_m)
         com = self.interface.flat(com_m[None])[0]
-        feet = np.vstack([least_feet(low, self.high, com, FEET_PER_HEIGHT * self.height_m), self.high])
+        return least_feet(low, self.high, com, FEET_PER_HEIGHT * self.height_m)
+
+    def path_m_s2(
+        self, gap: GapDraw, com_m: Array, azimuths_deg: tuple[float, ...], few: Array | None = None
+    ) -> tuple[Array, Array]:
+        """Quasi-static accelerations (n,) at lift-off and at toppling on one draw; over a surface both at toppling.
+
+        few: its feet, where not all of them are to be tipped over.
+        """
+        low = _low_feet(self.part, gap, self.side, self.height_m)
+        feet = np.vstack([low if few is None else few, self.high])
         rock = dataclasses.replace(self.rock, com_m=com_m, feet_m=self.interface.scene(feet))
         plane = Pedestal(self.interface.point_m, self.interface.normal)
         if not self.interface.is_plane:
-            tips = tips_on_surface(rock, low, self.interface, azimuths_deg)
+            tips = tips_on_surface(rock, self.rock.half_diagonal_m, low, self.interface, azimuths_deg)
             return tips, tips
         seat = Seat.of(rock, plane)
         lift_off, toppling = zip(
@@ -88,7 +97,7 @@ def _outside_feet(rock: Rock, interface: Interface, part: HiddenPart, height_m: 
     return np.vstack([side, unseen]), high
 
 
-def low_feet(part: HiddenPart, gap: GapDraw, side: Array, height_m: float) -> Array:
+def _low_feet(part: HiddenPart, gap: GapDraw, side: Array, height_m: float) -> Array:
     """Feet of a draw (n, 3): its gaps, and the rock's side above its rim."""
     places = np.column_stack([part.observed.places_m, gap.gap_m])
     unseen = part.under.side
@@ -110,7 +119,7 @@ def _hull_over(rock: Rock, interface: Interface) -> Array:
 
 
 def tips_on_surface(
-    rock: Rock, contacts: Array, interface: Interface, azimuths_deg: tuple[float, ...]
+    rock: Rock, size_m: float, contacts: Array, interface: Interface, azimuths_deg: tuple[float, ...]
 ) -> Array:
     """Ground accelerations (n,) at which a rock tips without slip over its contacts with a surface, m/s2.
 
@@ -120,35 +129,23 @@ def tips_on_surface(
     """
     seat = Seat.of(rock, Pedestal(interface.point_m, interface.normal))
     down, places = interface.axes.T, contacts + interface.rise(contacts)
-    above = (interface.scene(contacts) - rock.com_m) @ seat.frame.T + seat.pose.com
+    above = (interface.scene(contacts) - rock.com_m) @ seat.frame.T + seat.com
     # Where two facets meet, along the second axis, a foot stands on both.
     aside = 0.5 * interface.lattice_m * np.array([[1.0, 0.0, 0.0]])
     sides = [interface.normals(contacts + aside), interface.normals(contacts - aside)]
     com, change = interface.flat(rock.com_m[None])[0], down @ seat.frame.T
     gravity = down @ np.array([0.0, 0.0, -STANDARD_GRAVITY_M_S2])
-    touched: dict[bytes, tuple[Array, Array]] = {}
     found = np.zeros(len(azimuths_deg))
     for row, azimuth in enumerate(azimuths_deg):
         push = -down @ horizontal_unit_vector(azimuth)
-        for pose, _ in seat.rests(STANDARD_GRAVITY_M_S2, azimuth):
-            closed_m = pose.points[:, 2].min() + seat.tolerance
-            key = (pose.points[:, 2] <= closed_m).tobytes()
-            if key not in touched:
-                turn, moved = _turned(seat.pose.points, pose.points, above)
-                touching = moved[:, 2] <= closed_m
-                normals = np.vstack([side[touching] for side in sides])
-                arms = np.tile((places[touching] - com) @ (change @ turn @ change.T).T, (2, 1))
-                touched[key] = arms, normals
-            most = tips_m_s2(*touched[key], rock.half_diagonal_m, gravity, push)
+        for turn, _, _ in seat.rests(STANDARD_GRAVITY_M_S2, azimuth):
+            closed_m = (seat.points @ turn[2]).min() + seat.tolerance_m
+            touching = above @ turn[2] <= closed_m
+            normals = np.vstack([side[touching] for side in sides])
+            arms = np.tile((places[touching] - com) @ (change @ turn @ change.T).T, (2, 1))
+            most = tips_m_s2(arms, normals, size_m, gravity, push)
             found[row] = max(found[row], most or 0.0)
     return found
-
-
-def _turned(before: Array, after: Array, points: Array) -> tuple[Array, Array]:
-    """Rotation (3, 3) between two poses of the same body, and other points of it, given before, as they are after."""
-    middle = before.mean(axis=0)
-    turn = Rotation.align_vectors(after - after.mean(axis=0), before - middle)[0].as_matrix()
-    return turn, (points - middle) @ turn.T + after.mean(axis=0)
 
 
 def mass_moved_m(part: HiddenPart, base: Base, gap_m: Array, rock: Rock, interface: Interface) -> Array:

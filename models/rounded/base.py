@@ -44,7 +44,7 @@ class RollingBody:
     It touches the plane where it is farthest along the plane's normal. It is in equilibrium where the way from its
     centre of mass to that point has the direction of gravity less the ground's acceleration (for a body of revolution
     Housner's and later Ichinose's rolling rocks). No slip, no spin about the normal, as in
-    :mod:`toppling.models.facet_path`.
+    :mod:`toppling.models.ground.facet_path`.
 
     com_m: (3,).
     normal: (3,), of the plane, upward.

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from toppling.models.pivots import tips_m_s2, turn_under
 from toppling.models.scene import Scene
 from toppling.models.shapes import box
-from toppling.models.statics import tipping_m_s2
+from toppling.models.support import moment_arms
 
 G = 9.81
 DOWN = np.array([0.0, 0.0, -G])
@@ -32,7 +32,9 @@ def test_on_a_plane_a_rock_tips_over_the_edges_of_its_polygon_whatever_lies_with
     places = np.vstack([places, [[0.5, 0.5], [-0.5, 0.5], [-0.5, -0.5], [0.5, -0.5]]])
     arms = np.column_stack([places, np.full(len(places), -0.9)]) @ turn.T
     corners = arms[ConvexHull(places).vertices]
-    ((_, least),) = tipping_m_s2(corners, np.zeros(3), turn[:, 2], G, [azimuth_deg])
+    edges = moment_arms(corners, np.zeros(3), turn[:, 2])
+    holds, tips = edges @ DOWN, -edges @ push(azimuth_deg)
+    least = (holds[tips > 0.0] / tips[tips > 0.0]).min()  # Anooshehpoor, Brune and Zeng (2004)
     found = tips_m_s2(arms, np.tile(turn[:, 2], (len(arms), 1)), 1.0, DOWN, push(azimuth_deg))
     assert found == pytest.approx(least, rel=1e-9)
 

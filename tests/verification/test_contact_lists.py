@@ -6,10 +6,13 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from toppling.models.compiled import compiled
-from toppling.models.ground.contacts import CONTACT, LEANING, MOST, contacts_at, contacts_in
+from toppling.models.ground.contacts import CONTACT, LEANING, MOST, contacts_in
+from toppling.models.ground.curved import NO_CURVED
+from toppling.models.ground.facets import NO_FACETS
 from toppling.models.ground.mesh import contact_mesh
 from toppling.models.ground.pair_search import find
 from toppling.models.ground.pairs import REACH, empty_lists
+from toppling.models.ground.stepping import contacts_at
 from toppling.models.rock import Rock
 
 REACH_M = 0.1
@@ -73,7 +76,9 @@ def looked_along_all(rock, ground, poses, margins_m):
 
 def contacts_anew(rock, ground, pose, margin_m, room):
     out = np.zeros(MOST, CONTACT)
-    count = contacts_at(rock, ground, pose, margin_m, LEANING, lists_of(rock, room), out)
+    count = contacts_at(
+        (rock, ground, NO_CURVED, NO_FACETS), pose, margin_m, LEANING, lists_of(rock, room), out
+    )
     return dict(zip(out["key"][:count].tolist(), out["gap_m"][:count].tolist(), strict=True))
 
 
@@ -121,7 +126,9 @@ def test_edges_that_are_nearly_flat_touch_by_the_way_that_leads_out_of_both_bodi
     )
     out = np.zeros(MOST, CONTACT)
     pose = np.array([0.003, 0.002, 0.0004, 0.0, 0.0, 0.0, 1.0])
-    found = out[: contacts_at(rock, ground, pose, 0.008, LEANING, lists_of(rock), out)]
+    found = out[
+        : contacts_at((rock, ground, NO_CURVED, NO_FACETS), pose, 0.008, LEANING, lists_of(rock), out)
+    ]
     assert found["gap_m"].min() > 0.0
     assert found["normal"][:, 2].min() > 0.99
     assert (found["key"] >= 2 << 60).sum() >= 10
@@ -131,7 +138,7 @@ def test_contacts_that_are_too_many_to_list_from_afar_are_listed_from_nearer():
     rock, ground, pose = rough_pair()
     pose[2] -= min(contacts_anew(rock, ground, pose, 0.03, PLENTY).values())
     lists, out = lists_of(rock, 200), np.zeros(MOST, CONTACT)
-    contacts_at(rock, ground, pose, 0.08, LEANING, lists, out)
+    contacts_at((rock, ground, NO_CURVED, NO_FACETS), pose, 0.08, LEANING, lists, out)
     assert lists.nearest.lengths_m[REACH] < 0.08
     assert max(lists.known.found.max(), lists.nearest.found.max()) < 200
     touching = contacts_anew(rock, ground, pose, 0.0005, PLENTY)

@@ -225,7 +225,7 @@ def test_a_base_that_fits_its_facets_tips_over_the_edges_of_its_outline(ends_deg
     low = interface.over(rock.vertices_m)
     low = low[low[:, 2] < 0.3 * rock.height_m]
     on_feet = replace(rock, feet_m=interface.scene(low))
-    found = tips_on_surface(on_feet, low, interface, tuple(azimuths_deg))
+    found = tips_on_surface(on_feet, on_feet.half_diagonal_m, low, interface, tuple(azimuths_deg))
     assert found == pytest.approx(tipped_in_truth_m_s2(height_at, azimuths_deg), rel=1e-3)
 
 

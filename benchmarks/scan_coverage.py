@@ -80,7 +80,7 @@ def main() -> None:
         rows[family] = {
             column: float(np.mean([row[column] for row in found if column in row])) for column in columns
         } | {"rocks": float(len(found))}
-    put(PAGE, "families", table(rows, "family"))
+        put(PAGE, "families", table(rows, "family"))
 
 
 if __name__ == "__main__":

@@ -136,6 +136,7 @@ REFUSED = {
     ),
     "200 Hz": (f"# Sampling rate: 200 Hz\n{NAMED}\n" + rows(), "record.step_contradicted", "0.005 s"),
     "50 Hz": (f"# fs = 50 Hz\n{NAMED}\n" + rows(), "record.step_contradicted", "0.02 s"),
+    "a row cut short": (f"{NAMED}\n" + rows()[:-12], "record.row_wrong_length", "3 numbers", "401"),
     "NPTS": (f"# NPTS = 8000\n{NAMED}\n" + rows(), "record.count_contradicted", 8000),
     "in g": (f"# acceleration in g\n{NAMED}\n" + rows(), "record.unit_contradicted", "m/s2"),
 }  # fmt: skip

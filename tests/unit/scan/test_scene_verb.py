@@ -1,21 +1,14 @@
 """`toppling scene`: what it writes can be read by others."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 import trimesh
 from click.testing import CliRunner
 from refusals import refused
 
-sys.path.insert(0, str(Path(__file__).parents[2]))
-from browser import needs_browser, overflow
-
 from toppling.models.files.mesh_files import read_triangles
 from toppling.models.scene import Scene
 from toppling.orchestrator.verbs.scene import scene
-from toppling.results.drawing.scene_figures import scene_page
 
 
 @pytest.fixture
@@ -47,12 +40,6 @@ def test_gltf_turns_the_scene_and_does_not_mirror_it(folder, tmp_path):
     # East is x, up is y, so south is z for the frame to be right-handed; glTF holds single precision.
     for vertex in rock:
         assert np.abs(seen - vertex[[0, 2, 1]] * [1.0, -1.0, 1.0]).max(axis=1).min() < 1e-6
-
-
-@needs_browser
-@pytest.mark.parametrize("width_px", [1400, 400])
-def test_the_page_draws_in_a_browser_and_nothing_sticks_out(folder, tmp_path, width_px):
-    assert overflow(scene_page(Scene.load(folder), "block", ["a note"]), width_px, tmp_path) == []
 
 
 def test_an_unknown_format_is_refused(folder, tmp_path):

@@ -26,9 +26,6 @@ from toppling.models.statics import Limits
 _STEP_SHARE = 0.008
 """Length of a step along the path, as a fraction of the half diagonal R."""
 
-_CROWDED_STEP_SHARE = 0.002
-"""The same where more contacts are within reach than are looked at: on fine meshes they take seconds to find."""
-
 _LEAST_STEP_SHARE = 2e-4
 """Shortest step, as a fraction of R, towards the peak of a rolling rock."""
 
@@ -72,7 +69,7 @@ def _followed(body: GroundedBody, azimuth_deg: float) -> tuple[float, float]:
     push = -horizontal_unit_vector(azimuth_deg) @ body.scene_from_support
     sim, start = body.clockless(body.resting_pose, 1.0, body.curved), body.resting_pose
     best, held, gathered_j_kg, short, rolled = 0.0, 0.0, 0.0, 0, False
-    slides, way_m = np.inf, _CROWDED_STEP_SHARE * size_m
+    slides, way_m = np.inf, 0.25 * _STEP_SHARE * size_m
     settles_m = load * (
         _PRESSED_SHARE * size_m / g
     )  # a rock that was let down rests on some contacts but nearly
@@ -111,9 +108,9 @@ def _followed(body: GroundedBody, azimuth_deg: float) -> tuple[float, float]:
                     return np.inf, slides
                 best, gathered_j_kg, peak, prior, rolled = held, 0.0, pose, last, rolls
             last, short = pose, short - 1
-            next_m = (
-                way_m if short > 0 else (_STEP_SHARE if len(near) < MOST else _CROWDED_STEP_SHARE) * size_m
-            )
+            next_m = way_m if short > 0 else _STEP_SHARE * size_m
+            if len(near) == MOST:  # beyond the farthest of them others may land
+                next_m = min(next_m, max(0.5 * float(near["gap_m"].max()), _LEAST_STEP_SHARE * size_m))
         tilted = abs(start[3:] @ pose[3:]) < _TIPPED_COSINE
         if tilted or np.linalg.norm(pose[:3] - start[:3]) > size_m:
             break

@@ -368,6 +368,22 @@ def test_a_rough_base_tips_on_a_surface_as_on_the_plane_however_fine_its_mesh():
     assert fine_held == pytest.approx(coarse_held, rel=0.001)
 
 
+@pytest.mark.thorough
+def test_points_that_are_too_many_to_look_at_land_none_the_less():
+    """More of a fine rough base is within reach than contacts are looked at: a step ends before others can land."""
+    mesh = trimesh.creation.box((0.5, 0.5, 1.2))
+    for _ in range(6):
+        mesh = mesh.subdivide()
+    mesh.merge_vertices()
+    low = mesh.vertices[:, 2] < -0.59
+    mesh.vertices[low, 2] += np.random.default_rng(4).uniform(0.0, 0.0025, low.sum())
+    shape = mesh.vertices, mesh.faces
+    plane = Scene.from_mesh(shape)
+    ((_, exact),) = quasi_static_toppling_m_s2(plane.rock, plane.pedestal, G, [0.0])
+    on_mesh = Scene.from_mesh(shape, pedestal=strips([(-6.0, -0.6), (6.0, -0.6)])).grounded
+    assert limits_on_surface(on_mesh, [0.0])[0].tips_m_s2 == pytest.approx(exact, rel=0.002)
+
+
 def with_wall(distance_m, height_m=1.0):
     """A level floor with a wall whose face stands at x = half width + distance."""
     x, after = HALF_WIDTH_M + distance_m, HALF_WIDTH_M + distance_m + 0.3

@@ -176,7 +176,7 @@ def _picked(rows: Sequence[Mapping[str, Any]], names: Mapping[str, str]) -> pd.D
     """Columns of rows under other names, numbers to three digits; those that no row has are left out."""
     table = pd.DataFrame(list(rows), dtype=object).reindex(columns=list(names))
     some = table.dropna(axis="columns", how="all")
-    for name in some:
+    for name in set(names).intersection(some):
         words = _weight if "weight" in name or "survival" in name else digits
         some[name] = [words(one) if isinstance(one, float) else one for one in some[name]]
     return some.rename(columns=dict(names))

@@ -105,6 +105,12 @@ def _meet(point: Any, near: Any, mesh: ContactMesh, reach: Any, vertices: bool, 
             continue
         if dot(way, way) >= margin * margin or (code <= 3 and not vertices):
             continue
+        if code > 3 and mesh.over_hollow[t, code - 4] >= 0:
+            # Above a hollow's other face, its plane goes on below that one: what comes over the edge lands on it.
+            below = _lies_below(p, mesh, mesh.over_hollow[t, code - 4], mesh.edge_of[t, code - 4])
+            if below and depth < margin and _leads_out(of, index, n, leaning, pairs, vertices):
+                count = _keep_face(room.found, count, n, depth, c)
+            continue
         name = -1 - f[code - 1] if code <= 3 else mesh.edge_of[t, code - 4]
         features = _keep_feature(room, features, name, n, depth, c)
     for k in range(features):
@@ -122,6 +128,14 @@ def _meet(point: Any, near: Any, mesh: ContactMesh, reach: Any, vertices: bool, 
         if _leads_out(of, index, room.found[count], leaning, pairs, vertices):
             count += 1
     return count
+
+
+@inner
+def _lies_below(p: Any, mesh: ContactMesh, t: int, edge: int) -> bool:
+    """Whether a triangle is nearest to a point at its face, or at one of its edges."""
+    f = mesh.faces[t]
+    code, _ = nearest(p, mesh.vertices_m[f[0]], mesh.vertices_m[f[1]], mesh.vertices_m[f[2]])
+    return code == 0 or (code > 3 and mesh.edge_of[t, code - 4] == edge)
 
 
 @inner

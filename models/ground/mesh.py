@@ -36,6 +36,9 @@ class ContactMesh(NamedTuple):
         Edge opposite to none: edge k of a triangle joins its corners k and k + 1.
     triangles_at_edge : (e,) int array
         One or two.
+    over_hollow : (m, 3) int array
+        The triangle across each of a triangle's edges that lie in a hollow, -1 across any other. Near such an edge what
+        is free lies above the planes of both.
     triangles_at_vertex : (n,) int array
     points : (p,) int array
         Vertices that can touch another body's faces: all but those in a face, a crease or a hollow.
@@ -61,6 +64,7 @@ class ContactMesh(NamedTuple):
     radii_m: Array
     edge_of: Indices
     triangles_at_edge: Indices
+    over_hollow: Indices
     triangles_at_vertex: Indices
     points: Indices
     first_way: Indices
@@ -77,8 +81,8 @@ _NONE = np.zeros((0, 3), np.int64)
 
 NO_MESH = ContactMesh(
     np.zeros((0, 3)), _NONE, np.zeros((0, 3)), np.zeros(0), np.zeros((0, 3)), np.zeros(0), _NONE, _NONE[:, 0].copy(),
-    _NONE[:, 0].copy(), _NONE[:, 0].copy(), np.zeros(1, np.int64), np.zeros((0, 3)), _NONE[:, :2].copy(),
-    np.zeros((0, 3)), np.zeros(0), np.zeros((0, 2, 3)), NO_GRID, NO_GRID,
+    _NONE, _NONE[:, 0].copy(), _NONE[:, 0].copy(), np.zeros(1, np.int64), np.zeros((0, 3)),
+    _NONE[:, :2].copy(), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 2, 3)), NO_GRID, NO_GRID,
 )  # fmt: skip
 """That of a body which touches with no mesh."""
 
@@ -122,7 +126,7 @@ def contact_mesh(
     middles = corners.mean(axis=1)
     radii = np.linalg.norm(corners - middles[:, None], axis=2).max(axis=1)
     edge_of, ends, shares = _edges(faces)
-    stands_out, inward = _convexity(vertices, faces, normals, edge_of, shares)
+    stands_out, over_hollow, inward = _convexity(vertices, faces, normals, edge_of, shares)
     if touching is not None:
         stands_out &= touching[used][ends].all(axis=1)
     kept = ends[stands_out]
@@ -133,7 +137,7 @@ def contact_mesh(
     start, end = vertices[kept[:, 0]], vertices[kept[:, 1]]
     points = np.unique(kept)
     return ContactMesh(
-        vertices, faces, normals, offsets, middles, radii, edge_of, shares,
+        vertices, faces, normals, offsets, middles, radii, edge_of, shares, over_hollow,
         np.bincount(faces.ravel(), minlength=len(vertices)), points, *_ways(vertices, ends, points),
         kept, 0.5 * (start + end), 0.5 * np.linalg.norm(end - start, axis=1), inward[stands_out],
         grid, fine,
@@ -175,16 +179,21 @@ def _edges(faces: Indices) -> tuple[Indices, Indices, Indices]:
 
 def _convexity(
     vertices: Array, faces: Indices, normals: Array, edge_of: Indices, shares: Indices
-) -> tuple[Flags, Array]:
-    """Which edges stand out (are convex, or bound the mesh), and the unit vectors (e, 2, 3) into their triangles."""
+) -> tuple[Flags, Indices, Array]:
+    """Which edges stand out (are convex, or bound the mesh), which triangles lie across hollows, ways into triangles.
+
+    The second as :class:`ContactMesh` has it; the last are unit vectors (e, 2, 3), two at each edge.
+    """
     way = vertices[np.roll(faces, -1, axis=1)] - vertices[faces]  # (m, 3, 3)
     inward = np.cross(normals[:, None, :], way)
     inward /= np.linalg.norm(inward, axis=2)[:, :, None]
     first, last = sides_at_edges(edge_of, shares).T
     flat_inward, flat_normal = inward.reshape(-1, 3), np.repeat(normals, 3, axis=0)
     both = np.stack([flat_inward[first], flat_inward[last]], axis=1)
-    opens = (flat_inward[last] * flat_normal[first]).sum(axis=1) < -_FLAT_SHARE
-    return opens | (shares == 1), both
+    rises = (flat_inward[last] * flat_normal[first]).sum(axis=1)
+    hollow, over = rises > _FLAT_SHARE, np.full(faces.size, -1)
+    over[first[hollow]], over[last[hollow]] = last[hollow] // 3, first[hollow] // 3
+    return (rises < -_FLAT_SHARE) | (shares == 1), over.reshape(-1, 3), both
 
 
 def sides_at_edges(edge_of: Indices, triangles_at_edge: Indices) -> Indices:

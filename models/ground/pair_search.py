@@ -1,4 +1,4 @@
-"""Search for features of a rock and its ground that may touch soon: in the grids, or among those known. Compiled."""
+"""Search for features of a rock and its ground that may touch soon, in the grids. Compiled."""
 
 from __future__ import annotations
 
@@ -19,19 +19,13 @@ from toppling.models.ground.pairs import (
     Lists,
     Pairs,
     ends_of,
-    look,
-    may_touch,
-    moved_m,
     note,
     serve,
 )
 from toppling.models.ground.vectors import copy, dot, minus, plus, rotation_of, turned, turned_back
 
-_NEAR_MARGINS, _NEAR_SHARE = 6.0, 0.15
-"""Of what is known, that within so many margins, and within this share of the slack, is looked at in a pose."""
-
 _MORE = 1.2
-"""Times what is asked for at least, so that the rock may move on a little."""
+"""Times the margin that is asked for at least, so that the rock may move on a little."""
 
 _PARTS = 4
 """Of a cell: an edge is looked up in as long parts, by the middle of each."""
@@ -40,16 +34,9 @@ _PARTS = 4
 @inner
 def find(rock: ContactMesh, ground: ContactMesh, pose: Array, margin_m: float, lists: Lists) -> None:
     """List what may touch within a margin in a pose, unless what was listed last still serves."""
-    known, nearest = lists.known, lists.nearest
-    if serve(nearest, pose, margin_m, lists.farthest_m):
-        return
-    reach = max(_MORE * margin_m, min(_NEAR_MARGINS * margin_m, _NEAR_SHARE * lists.slack_m))
-    if not serve(known, pose, reach, lists.farthest_m):
+    if not serve(lists.pairs, pose, margin_m, lists.farthest_m):
         most_m = min(rock.grid.reach_m, ground.grid.reach_m)
-        _search(rock, ground, pose, min(max(lists.slack_m, _MORE * reach), most_m), known)
-        reach = min(reach, known.lengths_m[REACH])
-    _narrow(rock, ground, known, pose, reach, nearest)
-    nearest.lengths_m[EMPTY] = known.lengths_m[EMPTY] - moved_m(known.pose, pose, lists.farthest_m)
+        _search(rock, ground, pose, min(max(lists.slack_m, _MORE * margin_m), most_m), lists.pairs)
 
 
 @inner(allocates=True)
@@ -73,53 +60,6 @@ def _search(rock: ContactMesh, ground: ContactMesh, pose: Array, reach: float, p
     lengths_m[EMPTY] = min(rock.grid.reach_m, ground.grid.reach_m - 0.5 * ground.grid.cell_m / _PARTS)
     lengths_m[WIDE_RADIUS] = _ball_around(box, (pose, turn), pairs.middle_m[2], pairs.middle_m[3])
     _found_in(rock, ground, pose, reach, pairs)
-
-
-@inner(allocates=True)
-def _narrow(
-    rock: ContactMesh, ground: ContactMesh, known: Pairs, pose: Array, reach: float, pairs: Pairs
-) -> None:
-    """Find the features that are within a reach of each other among known ones, which serve for it."""
-    way_m, placed, groups = look(known, pose), (pose, known.turn), known.groups
-    while True:
-        for kind in range(3):
-            pairs.found[kind] = 0
-            for group in range(groups.found[kind]):
-                if groups.apart_m[kind, group] >= reach + way_m:
-                    continue
-                ends = ends_of((rock, ground), kind, known.first[kind, groups.begin[kind, group]], placed)
-                if may_touch(known, kind, group, ends, reach):
-                    _list_known((rock, ground), known, kind, group, ends, reach, pairs)
-        if pairs.found.max() < len(pairs.first[0]) or reach < 1e-5 * ground.grid.cell_m:
-            break
-        reach *= 0.5
-    pairs.lengths_m[WIDE_RADIUS] = known.lengths_m[WIDE_RADIUS]
-    copy(known.middle_m[2], pairs.middle_m[2])
-    place = plus(pose, 1.0, turned(known.turn, known.middle_m[2]))
-    pairs.middle_m[3, 0], pairs.middle_m[3, 1], pairs.middle_m[3, 2] = place
-    rotation_of(pose, pairs.turn)
-    _found_in(rock, ground, pose, reach, pairs)
-
-
-@inner
-def _list_known(
-    bodies: Any, known: Pairs, kind: int, group: int, ends: Any, reach: float, pairs: Pairs
-) -> None:
-    """List those pairs of a known group that may be within a reach; how far they are is noted anew."""
-    (rock, ground), (a, b), way_m = bodies, ends, known.lengths_m[WAY]
-    begin, end = known.groups.begin[kind, group], known.groups.begin[kind, group + 1]
-    first, mesh = known.first[kind, begin], rock if kind == 1 else ground
-    for k in range(begin, end):
-        if known.apart_m[kind, k] >= reach + way_m:
-            continue
-        if kind == 2:
-            apart_m = _edges_apart_m(a, b, rock.edge_halves_m[first], ground, known.second[kind, k])
-        else:
-            apart_m = _point_apart_m(a, mesh, known.second[kind, k])
-        known.apart_m[kind, k] = way_m + apart_m
-        if apart_m < reach:
-            _append(pairs, kind, first, known.second[kind, k], apart_m)
-    note(known, kind, group, ends)
 
 
 @inner

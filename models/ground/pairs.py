@@ -77,11 +77,10 @@ def _no_pairs(room: int) -> Pairs:
 
 
 class Lists(NamedTuple):
-    """What may touch: pairs that are known to lie near, and of these the nearest, which are looked at in a pose."""
+    """What may touch: the pairs that are listed, and how they are."""
 
-    known: Pairs
-    nearest: Pairs
-    slack_m: float  # way of the rock over which pairs are known
+    pairs: Pairs
+    slack_m: float  # way of the rock over which pairs are listed
     farthest_m: float  # from the centre of mass
 
 
@@ -89,12 +88,12 @@ _PAIRS = 1 << 16
 """Room for pairs of features that may touch."""
 
 _SLACK_SHARE = 0.05
-"""Of R: way of the rock over which pairs are known."""
+"""Of R: way of the rock over which pairs are listed."""
 
 
 def empty_lists(size_m: float, farthest_m: float, room: int = _PAIRS) -> Lists:
-    """Lists of a rock of which nothing is known, with room for so many pairs."""
-    return Lists(_no_pairs(room), _no_pairs(room), _SLACK_SHARE * size_m, farthest_m)
+    """Lists of a rock in which nothing is found yet, with room for so many pairs of each kind."""
+    return Lists(_no_pairs(room), _SLACK_SHARE * size_m, farthest_m)
 
 
 @inner

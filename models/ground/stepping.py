@@ -315,8 +315,8 @@ def _margin_m(sim: Grounded, step_s: float, reach_m: float, velocity: Array, fre
     if len(sim.curved.coefficients) > 0 or len(sim.facets.apart_m) > 0:
         return margin
     find(sim.rock, sim.ground, sim.work.middle, margin, sim.lists)
-    nearest = sim.lists.nearest
-    ball = turned(sim.work.turn, nearest.middle_m[0]), nearest.lengths_m[RADIUS]
+    pairs = sim.lists.pairs
+    ball = turned(sim.work.turn, pairs.middle_m[0]), pairs.lengths_m[RADIUS]
     return min(margin, near_m + step_s * _fastest_of_both_m_s(velocity, free, ball))
 
 
@@ -395,25 +395,25 @@ def contacts_at(bodies: Any, pose: Array, margin_m: float, leaning: float, lists
 
 @inner
 def _on_surface(bodies: Any, pose: Array, margin_m: float, leaning: float, lists: Lists, out: Any) -> int:
-    (rock, ground, curved, facets), nearest = bodies, lists.nearest
+    (rock, ground, curved, facets), pairs = bodies, lists.pairs
     if len(curved.coefficients) > 0:
-        count = curved_contacts(curved, pose, margin_m, nearest.turn, out)
+        count = curved_contacts(curved, pose, margin_m, pairs.turn, out)
         if count >= 0:
             return count
     find(rock, ground, pose, margin_m, lists)
-    count = contacts_in(rock, ground, nearest, pose, margin_m, leaning, out)
+    count = contacts_in(rock, ground, pairs, pose, margin_m, leaning, out)
     if len(facets.apart_m) > 0:
-        count = rounded_contacts(facets, ground, pose, margin_m, nearest.turn, out, count)
+        count = rounded_contacts(facets, ground, pose, margin_m, pairs.turn, out, count)
     return count
 
 
 @inner
 def _contacts(sim: Grounded, pose: Array, margin: float) -> int:
     """Find the contacts with gaps up to a margin in a pose; how many."""
-    nearest, sim.counts[7] = sim.lists.nearest, 1
+    pairs, sim.counts[7] = sim.lists.pairs, 1
     if _is_over_plane(sim, pose, margin):
         if len(sim.rolling.corners) > 0:
-            return rolling_contacts(sim.rolling, pose, margin, nearest.turn, sim.trial)
+            return rolling_contacts(sim.rolling, pose, margin, pairs.turn, sim.trial)
         lengths_m = sim.size_m, sim.lists.farthest_m
         return plane_contacts(sim.over, pose, sim.work.turn, lengths_m, margin, sim.trial)
     sim.counts[7] = 0

@@ -40,12 +40,12 @@ def rough_pair(seed=7):
 
 @compiled
 def looked_along(rock, ground, lists, poses, margins_m, out, keys, gaps_m, found_in):
-    """Note the contacts of one pose after the other, and in which known and nearest pairs were found."""
+    """Note the contacts of one pose after the other, and in which the pairs were found."""
     for k in range(len(poses)):
         find(rock, ground, poses[k], margins_m[k], lists)
-        for i in range(contacts_in(rock, ground, lists.nearest, poses[k], margins_m[k], LEANING, out)):
+        for i in range(contacts_in(rock, ground, lists.pairs, poses[k], margins_m[k], LEANING, out)):
             keys[k, i], gaps_m[k, i] = out[i].key, out[i].gap_m
-        found_in[k, 0], found_in[k, 1] = lists.known.pose[0], lists.nearest.pose[0]
+        found_in[k] = lists.pairs.pose[0]
 
 
 def segments_apart_m(starts, ways):
@@ -63,15 +63,15 @@ def lists_of(rock, room=PLENTY):
 
 
 def looked_along_all(rock, ground, poses, margins_m):
-    """Contacts by key and gap of each pose, and how often known and nearest pairs were found anew."""
+    """Contacts by key and gap of each pose, and how often pairs were found anew."""
     keys, gaps_m = np.full((len(poses), MOST), -1), np.zeros((len(poses), MOST))
-    found_in, out = np.zeros((len(poses), 2)), np.zeros(MOST, CONTACT)
+    found_in, out = np.zeros(len(poses)), np.zeros(MOST, CONTACT)
     looked_along(rock, ground, lists_of(rock), np.array(poses), margins_m, out, keys, gaps_m, found_in)
     contacts = [
         dict(zip(key[key >= 0].tolist(), gap_m[key >= 0].tolist(), strict=True))
         for key, gap_m in zip(keys, gaps_m, strict=True)
     ]
-    return contacts, (np.diff(found_in, axis=0) != 0.0).sum(axis=0)
+    return contacts, int((np.diff(found_in) != 0.0).sum())
 
 
 def contacts_anew(rock, ground, pose, margin_m, room):
@@ -106,8 +106,8 @@ def test_pairs_that_serve_miss_no_contact_of_a_rock_that_rocks_and_slides():
     lowest_m = [turn.apply(rock.vertices_m)[:, 2].min() for turn in turns]  # the rock stays at the ground
     places = np.column_stack([0.1 * at, 0.05 * np.sin(6.0 * at), 0.002 - np.array(lowest_m)])
     poses = np.column_stack([places, turns.as_quat()])
-    contacts, (searched, narrowed) = looked_along_all(rock, ground, poses, np.full(len(at), 0.001))
-    assert 1 < searched < narrowed / 2 < len(at) / 4
+    contacts, searched = looked_along_all(rock, ground, poses, np.full(len(at), 0.001))
+    assert 1 < searched < len(at) / 4
     for pose, found in zip(poses[::10], contacts[::10], strict=True):
         assert found.keys() == contacts_anew(rock, ground, pose, 0.001, PLENTY).keys()
     assert sum(map(len, contacts)) > len(at)
@@ -139,17 +139,38 @@ def test_contacts_that_are_too_many_to_list_from_afar_are_listed_from_nearer():
     pose[2] -= min(contacts_anew(rock, ground, pose, 0.03, PLENTY).values())
     lists, out = lists_of(rock, 200), np.zeros(MOST, CONTACT)
     contacts_at((rock, ground, NO_CURVED, NO_FACETS), pose, 0.08, LEANING, lists, out)
-    assert lists.nearest.lengths_m[REACH] < 0.08
-    assert max(lists.known.found.max(), lists.nearest.found.max()) < 200
+    assert lists.pairs.lengths_m[REACH] < 0.08
+    assert lists.pairs.found.max() < 200
     touching = contacts_anew(rock, ground, pose, 0.0005, PLENTY)
     assert len(touching) >= 1
     assert touching.keys() <= contacts_anew(rock, ground, pose, 0.08, 200).keys()
 
 
+@pytest.mark.parametrize(
+    ("place_m", "slopes"),
+    [
+        ((-0.01, -0.5, 0.001), {0.0, 0.5}),  # over the level face, in front of the one that rises beside it
+        ((-0.04, -0.2, -0.01), {1.0}),  # beyond the level face, where the third falls away
+    ],
+)
+def test_a_hollows_face_reaches_on_below_the_other_face_and_no_farther(place_m, slopes):
+    ground_m = np.array([[0, -1, 0], [0, 0, 0], [-0.1, -1, 0], [1, -0.5, 0.5], [-1.1, -1, -1]], float)
+    box = np.full(3, -1.0), np.full(3, 1.0)
+    ground = contact_mesh(ground_m, np.array([[0, 1, 2], [0, 3, 1], [2, 1, 4]]), *box, REACH_M)
+    needle_m = np.array([[0, 0, 0], [0.01, 0, 1], [-0.01, 0.01, 1], [-0.01, -0.01, 1]], float)
+    faces = np.array([[0, 2, 1], [0, 3, 2], [0, 1, 3], [1, 2, 3]])
+    rock = contact_mesh(needle_m, faces, needle_m.min(axis=0), needle_m.max(axis=0), REACH_M)
+    pose, out = np.array([*place_m, 0.0, 0.0, 0.0, 1.0]), np.zeros(MOST, CONTACT)
+    count = contacts_at((rock, ground, NO_CURVED, NO_FACETS), pose, 0.05, LEANING, lists_of(rock), out)
+    of_tip = out[:count][out["key"][:count] < 1 << 60]
+    steep = np.hypot(of_tip["normal"][:, 0], of_tip["normal"][:, 1]) / of_tip["normal"][:, 2]
+    assert set(steep.round(2)) == slopes
+
+
 @compiled
 def listed_edges(rock, ground, pose, margin_m, lists):
     find(rock, ground, pose, margin_m, lists)
-    return lists.nearest.found[2]
+    return lists.pairs.found[2]
 
 
 @pytest.mark.thorough
@@ -171,7 +192,7 @@ def test_long_edges_are_listed_with_all_edges_of_the_ground_within_the_reach():
         corners = turn.apply(rock.vertices_m)
         place = np.array([*random.uniform(-1.0, 1.0, 2), 0.05 - corners[:, 2].min()])
         pose, lists = np.concatenate([place, turn.as_quat()]), lists_of(rock)
-        count, pairs = listed_edges(rock, ground, pose, 0.4 * REACH_M, lists), lists.nearest
+        count, pairs = listed_edges(rock, ground, pose, 0.4 * REACH_M, lists), lists.pairs
         ends, other = (place + corners)[rock.edges], ground.vertices_m[ground.edges]
         apart_m = segments_apart_m(
             (ends[:, 0], other[:, 0]), (ends[:, 1] - ends[:, 0], other[:, 1] - other[:, 0])

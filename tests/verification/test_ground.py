@@ -1,7 +1,7 @@
 """Rocks on ground that is no plane: closed forms, the plane as a limit, and what stands beside them."""
 
 import math
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 import pytest
@@ -267,9 +267,11 @@ def thrown(scene, random):
 @pytest.mark.parametrize(("left", "right"), [(30, 30), (-30, -30), (0, -30), (0, 0)])
 def test_a_rock_that_is_thrown_gains_no_energy_at_any_friction(left, right, restitution):
     """But for what gravity gives in half a step, where a contact stops the rock in the middle of one."""
-    random = np.random.default_rng(3)
-    for friction in (0.3, 0.8, 1.5, 3.0, 3.0):
-        scene = block_on(left, right, half_height=0.3)
+    scene, randoms = (
+        block_on(left, right, half_height=0.3),
+        [np.random.default_rng(seed) for seed in (3, 5, 6, 8)],
+    )
+    for friction, random in product((0.3, 0.8, 3.0), randoms):
         shaking = thrown(as_surface(scene.with_contact(ContactProperties.of(friction, restitution))), random)
         assert shaking.run() in ("rest", "tilted", "fallen", "left_ground")
         sim, count = shaking.sim, shaking.last + 1
@@ -279,7 +281,7 @@ def test_a_rock_that_is_thrown_gains_no_energy_at_any_friction(left, right, rest
         )
         spin = Rotation.from_quat(sim.pose[:count, 3:]).inv().apply(velocity[:, 3:])
         kinetic = 0.5 * ((velocity[:, :3] ** 2).sum(axis=1) + spin**2 @ sim.inertia_m2)
-        assert np.diff(kinetic + G * height_m).max() < (G * sim.step_s) ** 2
+        assert np.diff(kinetic + G * height_m).max() < (0.5 * G * sim.step_s) ** 2
 
 
 def test_a_step_without_impulses_that_agree_fails_the_shake():

@@ -177,17 +177,18 @@ def carried_out(
     before, after = Rotation.from_quat(start[:, 3:]), Rotation.from_quat(end[:, 3:])
     spin = (after * before.inv()).as_rotvec() / step_s
     spin = before.apply(_spin_before(before.inv().apply(spin), inertia_m2, step_s))
-    place, attitude = start[:, :3].tolist(), start[:, 3:].tolist()
-    speed, spins = ((end[:, :3] - start[:, :3]) / step_s).tolist(), spin.tolist()
+    # Flat lists: of rows that are lists themselves the garbage collector would look at every one, again and again.
+    given = np.hstack([start, (end[:, :3] - start[:, :3]) / step_s, spin]).ravel().tolist()
     there, gap_m = [], []
-    for k in range(len(place)):
-        pybullet.resetBasePositionAndOrientation(_ROCK, place[k], attitude[k], client)
+    for k in range(0, len(given), 13):
+        pybullet.resetBasePositionAndOrientation(_ROCK, given[k : k + 3], given[k + 3 : k + 7], client)
         found = pybullet.getClosestPoints(_ROCK, _GROUND, near_m, physicsClientId=client)
         gap_m.append(min((one[_DISTANCE] for one in found), default=near_m))
-        pybullet.resetBaseVelocity(_ROCK, speed[k], spins[k], client)
+        pybullet.resetBaseVelocity(_ROCK, given[k + 7 : k + 10], given[k + 10 : k + 13], client)
         pybullet.stepSimulation(client)
-        there.append(pybullet.getBasePositionAndOrientation(_ROCK, client))
-    return np.array([(*at, *turn) for at, turn in there]), np.array(gap_m)
+        for part in pybullet.getBasePositionAndOrientation(_ROCK, client):
+            there += part
+    return np.reshape(there, (-1, 7)), np.array(gap_m)
 
 
 def _spin_before(spin_rad_s: Array, inertia_m2: Array, step_s: float) -> Array:

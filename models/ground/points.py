@@ -59,8 +59,6 @@ class ContactModel:
         Principal moments of inertia over mass.
     points_body_m : (n, 3) array
         Feet that can touch the interface plane, in the order of the tilt from which they can.
-    onset_deg : (n,) array
-        Those tilts.
     half_diagonal_m : float
         Length scale R.
     """
@@ -71,7 +69,6 @@ class ContactModel:
     support_from_body: Array
     principal_inertia_m2: Array
     points_body_m: Array
-    onset_deg: Array
     half_diagonal_m: float
 
     @property
@@ -123,21 +120,19 @@ def contact_of(scene: Scene) -> ContactModel:
     on_plane = scene.ground.is_plane  # else these points say only how large the rock is
     feet_m = contact_feet_m(scene.rock, scene.pedestal) if on_plane else scene.rock.hull_vertices_m
     feet = (feet_m - origin) @ scene_from_support - com
-    reachable, onset_deg = _vertices_that_can_touch(feet, scene.rock.half_diagonal_m)
     return ContactModel(
         scene_from_support=scene_from_support,
         origin_m=origin,
         com_m=com,
         support_from_body=axes,
         principal_inertia_m2=moments,
-        points_body_m=reachable @ axes,
-        onset_deg=onset_deg,
+        points_body_m=_vertices_that_can_touch(feet, scene.rock.half_diagonal_m) @ axes,
         half_diagonal_m=scene.rock.half_diagonal_m,
     )
 
 
-def _vertices_that_can_touch(points_m: Array, size_m: float) -> tuple[Array, Array]:
-    """Hull vertices that are lowest for some tilt up to the largest open one, and the least such tilt, deg.
+def _vertices_that_can_touch(points_m: Array, size_m: float) -> Array:
+    """Hull vertices that are lowest for some tilt up to the largest open one, in the order of the least such tilt.
 
     As many as keep the hull within `_CORE_SHARE` of the rock's size.
 
@@ -172,7 +167,7 @@ def _vertices_that_can_touch(points_m: Array, size_m: float) -> tuple[Array, Arr
     near = near[_core(points_m[near], directions, _CORE_SHARE * size_m)]
     both = np.concatenate([near, far])
     falling = _core(points_m[both], directions, _FALLING_CORE_SHARE * size_m, len(near))
-    return points_m[both[falling]], onset[both[falling]]
+    return points_m[both[falling]]
 
 
 def _core(points_m: Array, directions: Array, tolerance_m: float, first: int = 0) -> NDArray[np.intp]:

@@ -26,7 +26,7 @@ from toppling.models.ground.plane import PlanePoints, is_over_plane, plane_conta
 from toppling.models.ground.rigid import invert, move, spin, square, times
 from toppling.models.ground.rolling import RollingSurface, rolling_contacts
 from toppling.models.ground.touching import SolverRoom, Touching, solver_room
-from toppling.models.ground.vectors import copy, cross, plus, rotation_of, turned
+from toppling.models.ground.vectors import copy, cross, dot, minus, plus, rotation_of, turned
 
 _MOST_IMPACTS = 20
 """In a step; contacts that close later in it are met at its end."""
@@ -36,6 +36,9 @@ TOUCHING_SHARE = 2e-6
 
 _TOUCHING_PLANE_SHARE = 1e-8
 """The same of contacts with the plane, all of which have the same normal and gaps that are exact."""
+
+_NEAR = 20.0
+"""Times the gap up to which contacts touch: so near, those that land and those that carry are one impact."""
 
 _MARGIN_SHARE = 1e-4
 """Of R: contacts so near are looked at in a step, and those to which what may touch comes with twice its speed."""
@@ -67,6 +70,7 @@ class Work(NamedTuple):
     still: Array  # (6,): its velocity
     solver: SolverRoom
     leanings: Array  # (sectors, 2): of loads that are held
+    since_s: Array  # (1,): since the rock had the pose in which its latest contacts were found
 
 
 def work_room() -> Work:
@@ -74,6 +78,7 @@ def work_room() -> Work:
     return Work(
         np.zeros(7), np.zeros(6), np.zeros(3), np.zeros(6), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(1, CONTACT),
         np.zeros(7), np.zeros(6), solver_room(MOST), np.zeros((SECTORS, 2)),
+        np.zeros(1),
     )  # fmt: skip
 
 
@@ -173,8 +178,12 @@ def advance(
     count = _choose(sim, count, step_s, 0.5 * reach_m, velocity, whole)
     if count < 0:
         return 0.0
-    _warm(sim, count, step_s)
+    drift = _warm(sim, count, step_s, velocity)
+    for k in range(3):
+        free[k] -= drift[k]
     sim.counts[4] += 0 if solve_cones(touching(sim, count, free, enough_in_step_m_s(sim))) else 1
+    for k in range(3):
+        free[k] += drift[k]
     closes, lands = np.inf, -1
     if not whole:
         for i in range(count, len(sim.trial)):
@@ -182,7 +191,7 @@ def advance(
             if one.lands == 0:
                 break
             rate = _rate(one, free)
-            at_end = one.gap_m + 0.5 * step_s * rate
+            at_end = one.gap_m + 0.5 * step_s * (rate + 0.25 * step_s * _arc_m_s2(one, free))
             if at_end < 0.0 and -rate > sim.resolved_m_s:
                 soon = max(
                     step_s - _since_closed_s(at_end, rate, _rate(one, velocity), step_s), 1e-6 * _step_s(sim)
@@ -193,7 +202,7 @@ def advance(
             return closes
     for k in range(count):
         sim.contacts[k] = sim.trial[k]
-    sim.counts[0] = count
+    sim.counts[0], sim.work.since_s[0] = count, 0.5 * step_s
     move(middle, free, 0.5 * step_s)
     copy(middle, pose)
     copy(free, velocity)
@@ -221,8 +230,11 @@ def _choose(sim: Grounded, count: int, step_s: float, reach_m: float, velocity: 
         at_start = one.gap_m - 0.5 * step_s * _rate(one, velocity)
         closing = -_rate(one, sim.work.free)
         carries = whole or at_start <= touching or closing <= sim.resolved_m_s
-        if at_start < 20.0 * touching and not whole and (at_start <= touching or not carries):
-            known = _was_active(sim, one.key)
+        near = at_start < _NEAR * TOUCHING_SHARE * sim.size_m
+        if near and not whole and (at_start <= touching or not carries):
+            k = _place_among_latest(sim, one.key)
+            carried = k >= 0 and dot(sim.contacts[k].impulse, one.normal) > 0.0
+            known = k >= 0 and (carried or at_start < _NEAR * touching)
             if at_start <= touching and not known and -_rate(one, velocity) > sim.resolved_m_s:
                 return -1
             carries = carries or known
@@ -254,23 +266,55 @@ def touching_m(sim: Grounded) -> float:
 
 
 @inner
-def _was_active(sim: Grounded, key: int) -> bool:
-    known = False
+def _place_among_latest(sim: Grounded, key: int) -> int:
+    """Where a contact stands among those of the latest substep; -1 where it was none of them."""
     for k in range(sim.counts[0]):
-        known = known or sim.contacts[k].key == key
-    return known
+        if sim.contacts[k].key == key:
+            return k
+    return -1
 
 
 @inner
-def _warm(sim: Grounded, count: int, step_s: float) -> None:
-    """Start from the impulses of the latest substep, as if that had been a whole step."""
+def _warm(sim: Grounded, count: int, step_s: float, velocity: Array) -> Vector:
+    """Start from the impulses of the latest substep, as if that had been a whole step, and look half a step ahead.
+
+    The rock has had this velocity since its contacts were found last: what their places have gained in velocity tells
+    how these go on turning until the end of the step. There a contact is to have its gap and, if it sticks, to be at
+    rest: else a rock hovers, creeps and loses energy in proportion to the step.
+
+    Returns
+    -------
+    tuple
+        Velocity along the ground that a rock which is at rest at its contacts then has now, m/s.
+    """
+    spin, since_s = (velocity[3], velocity[4], velocity[5]), sim.work.since_s[0] + 0.5 * step_s
+    farthest_m, ahead = 2.0 * math.sqrt(square(spin)) * since_s * sim.lists.farthest_m, 0.5 * step_s / since_s
+    gained, push, pressed = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0
     for i in range(count):
-        one = sim.trial[i]
-        for k in range(sim.counts[0]):
-            if sim.contacts[k].key == one.key:
-                share = step_s / _step_s(sim)
-                for axis in range(3):
-                    one.impulse[axis] = share * sim.contacts[k].impulse[axis]
+        one, k = sim.trial[i], _place_among_latest(sim, sim.trial[i].key)
+        if k < 0:
+            continue
+        last = sim.contacts[k]
+        for axis in range(3):
+            one.impulse[axis] = step_s / _step_s(sim) * last.impulse[axis]
+        way = minus(one.arm_m, last.arm_m)
+        if square(way) > farthest_m * farthest_m:  # farther than it has turned: at once on another place
+            continue
+        along, rises_m_s = (
+            dot(one.impulse, one.normal),
+            ahead * (_rate(one, velocity) - _rate(last, velocity)),
+        )
+        off_m = one.gap_m - touching_m(sim) - 0.25 * step_s * rises_m_s
+        # One that carries is not let go by what its gap is off, however short the substep is.
+        within_s = _step_s(sim) if along > 0.0 else step_s
+        one.floor_m_s = -max(2.0 * off_m / within_s + rises_m_s, 0.0)
+        gained, push = plus(gained, along, cross(spin, way)), plus(push, along, one.normal)
+        pressed += along
+    pushes = square(push)
+    if not pushes > 0.0:
+        return 0.0, 0.0, 0.0
+    gained, share = plus(gained, -dot(gained, push) / pushes, push), -ahead / pressed
+    return share * gained[0], share * gained[1], share * gained[2]
 
 
 @inner
@@ -282,12 +326,17 @@ def _impact(sim: Grounded, pose: Array, velocity: Array) -> None:
     """
     rotation_of(pose, sim.work.turn)
     invert(sim.work.turn, sim.inertia_m2, sim.work.inverse)
-    count = _contacts(sim, pose, 20.0 * TOUCHING_SHARE * sim.size_m)
+    found, count = _contacts(sim, pose, _NEAR * TOUCHING_SHARE * sim.size_m), 0
+    for i in range(found):
+        if sim.trial[i].gap_m < _NEAR * touching_m(sim) or _place_among_latest(sim, sim.trial[i].key) >= 0:
+            if i != count:
+                sim.trial[count] = sim.trial[i]
+            count += 1
     enough_m_s = _ENOUGH_IN_IMPACT * _fastest_m_s(velocity, ((0.0, 0.0, 0.0), sim.size_m))
     sim.counts[4] += 0 if solve_cones(touching(sim, count, velocity, enough_m_s)) else 1
     for k in range(6):
         velocity[k] += sim.restitution * (velocity[k] - sim.work.solver.free[k])
-    sim.counts[0] = count
+    sim.counts[0], sim.work.since_s[0] = count, 0.0
     for i in range(count):
         sim.contacts[i] = sim.trial[i]
         sim.contacts[i].impulse[0] = sim.contacts[i].impulse[1] = sim.contacts[i].impulse[2] = 0.0
@@ -419,6 +468,13 @@ def _contacts(sim: Grounded, pose: Array, margin: float) -> int:
     sim.counts[7] = 0
     bodies = sim.rock, sim.ground, sim.curved, sim.facets
     return _on_surface(bodies, pose, margin, LEANING, sim.lists, sim.trial)
+
+
+@inner
+def _arc_m_s2(one: Any, velocity: Array) -> float:
+    """Acceleration of a contact's gap because the rock turns, with no acceleration of its centre of mass."""
+    spin = (velocity[3], velocity[4], velocity[5])
+    return dot(one.normal, cross(spin, cross(spin, one.arm_m)))
 
 
 @inner

@@ -109,8 +109,9 @@ def small_swing_errors(share, preset, swings=8):
 def rebound_error(alpha_deg, restitution, preset, share=0.5):
     """Errors of what a block, released at `share` of alpha, does just after its first impact.
 
-    First its lean over alpha, then the relative error of the rise of its centre of mass: it flies, with the velocity
-    that an impact without restitution leaves and, times the restitution, the change to that.
+    First its lean over alpha, then the relative error of the rise of its centre of mass, half way to where its corner
+    lands again: until then it flies, with the velocity that an impact without restitution leaves and, times the
+    restitution, the change to that.
     """
     scene, b, h = block(alpha_deg, 1.0, restitution=restitution)
     alpha, p = np.arctan2(b, h), exact.rocking_frequency(b, h)
@@ -123,8 +124,11 @@ def rebound_error(alpha_deg, restitution, preset, share=0.5):
     spin, up = (
         (1.0 + restitution) * after - restitution * before for before, after in (spins, -up * [1.0, 1.0])
     )
-    flight_s = way.time_s[np.searchsorted(way.time_s, 1.02 * lands_s)] - lands_s
-    at = int(np.searchsorted(way.time_s, 1.02 * lands_s))
+    time_s = np.linspace(0.0, 0.2 * lands_s, 2001)[1:]
+    above_m = h + up * time_s - 0.5 * G * time_s**2 - b * np.sin(-spin * time_s) - h * np.cos(spin * time_s)
+    lands_again_s = time_s[np.argmax(np.append(above_m[:-1] <= 0.0, [True]))]
+    at = int(np.searchsorted(way.time_s, lands_s + 0.5 * lands_again_s))
+    flight_s = way.time_s[at] - lands_s
     rise_m = up * flight_s - 0.5 * G * flight_s**2
     return (
         (lean(way)[at] - spin * flight_s) / alpha,

@@ -8,13 +8,15 @@ import sys
 import pytest
 
 SHAKE = """
-import json
+import dataclasses, json
 import numpy as np
 from toppling import Motion, Scene, shake
+from toppling.workers.options import PRESETS
 
 time_s = np.arange(0, 1.2, 0.01)
 pulse = np.column_stack([5.0 * np.sin(2 * np.pi * time_s / 1.2), 0.8 * np.cos(7 * time_s), 0 * time_s])
-result = shake(Scene.block(0.3, 0.3, 1.0), Motion(pulse, 0.01), "fast")
+options = dataclasses.replace(PRESETS["fast"], checked_steps=0.1)
+result = shake(Scene.block(0.3, 0.3, 1.0), Motion(pulse, 0.01), options)
 print(json.dumps([result.outcome, result.steps, result.engine_steps, result.topple_time_s, result.slip_m]))
 """
 

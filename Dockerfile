@@ -33,7 +33,7 @@ COPY orchestrator/dask.yaml /etc/dask/toppling.yaml
 # Compiled code for any processor of this kind, with the answers and the speed of code made for one: each account copies
 # it to a folder of its own, since what others may write is not executed.
 ENV NUMBA_CPU_NAME=generic TOPPLING_COMPILED=/opt/toppling/compiled
-RUN TOPPLING_CACHE=/opt/toppling/compiled python -c "from toppling.workers.shake import compile_once; compile_once()" \
+RUN TOPPLING_CACHE=/opt/toppling/compiled python -c "from toppling.workers.shaking import compile_once; compile_once()" \
     && chmod -R a+rX /opt/toppling/compiled
 
 # No writes outside /runs and /tmp, so that any user may be given, Apptainer's included.

@@ -79,7 +79,7 @@ lint: setup packages  ## ruff and the type check
 	MYPYPATH=build/typing:benchmarks $(BIN)/mypy build/typing benchmarks examples
 
 compiled: setup  ## compile the inner loop for this machine, which the first test would wait for
-	$(BIN)/python -c "from toppling.workers.shake import compile_once; compile_once()"
+	$(BIN)/python -c "from toppling.workers.shaking import compile_once; compile_once()"
 
 format: setup  ## let ruff rewrite what it can
 	$(BIN)/ruff check --fix .

@@ -30,7 +30,7 @@ from toppling.results.analysis.lognormal import fit
 from toppling.workers.engines import DEFAULT, ENGINES
 from toppling.workers.options import PHYSICS_VERSION, PRESETS, NumericalOptions
 from toppling.workers.seating import settled
-from toppling.workers.shake import shake
+from toppling.workers.shaking import shake
 from toppling.workers.start import State
 
 LEAST_TILT_DEG = 0.1

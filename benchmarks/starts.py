@@ -31,7 +31,7 @@ from toppling.results.store import write_part
 from toppling.workers.job import Assets, JobSpec, run_job
 
 BARE = "import numpy, pyarrow as a, pyarrow.parquet as p; p.write_table(a.table({'x': numpy.ones(1)}), 'bare.parquet')"
-COMPILE = "from toppling.workers.shake import compile_once; compile_once()"
+COMPILE = "from toppling.workers.shaking import compile_once; compile_once()"
 RECORDS, FILES = 24, 390
 ASSETS: list[Assets] = []
 CAMPAIGN = """\

@@ -178,7 +178,7 @@ def job() -> Walk:
 def record() -> Walk:
     """From a file of samples to the integrator that a shake is stepped with."""
     from toppling.models.motions.importing import import_records, record_files
-    from toppling.workers.shake import compile_once, shake
+    from toppling.workers.shaking import compile_once, shake
 
     folder = Path(tempfile.mkdtemp())
     time_s = np.arange(0.0, 20.0, 0.01)

@@ -3,7 +3,6 @@
 __all__ = [
     "arrays",
     "compiled",
-    "described",
     "errors",
     "frames",
     "kept",

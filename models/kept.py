@@ -1,8 +1,9 @@
-"""Caching of functions of an immutable object: the results are stored on the object, and freed with it."""
+"""Caching of functions of an immutable object on it, and what it shows of itself at a prompt."""
 
 from collections import OrderedDict
 from collections.abc import Callable
 from functools import wraps
+from html import escape
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
 _Owner = TypeVar("_Owner")
@@ -40,3 +41,20 @@ def kept(
         return answers[args]
 
     return answer
+
+
+class Described:
+    """A class whose `_facts` (quantity: value in words) are its printed form, and a table in notebooks."""
+
+    def _facts(self) -> dict[str, object]:
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        return (
+            f"{type(self).__name__}({', '.join(f'{name}: {value}' for name, value in self._facts().items())})"
+        )
+
+    def _repr_html_(self) -> str:
+        facts = {escape(name): escape(str(value)) for name, value in self._facts().items()}
+        rows = "".join(f"<tr><th>{name}</th><td>{value}</td></tr>" for name, value in facts.items())
+        return f"<table><caption>{type(self).__name__}</caption>{rows}</table>"

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from toppling.models.arrays import Array
-from toppling.models.described import Described
 from toppling.models.errors import check_positive, refusals
 from toppling.models.files import digest
 from toppling.models.files.documents import finite, shown
@@ -24,6 +23,7 @@ from toppling.models.files.mesh_files import MeshLike, read_triangles, remarks_o
 from toppling.models.files.schemas import BASES, SCHEMA_VERSION, digests_of_scene, read_own
 from toppling.models.frames import STANDARD_GRAVITY_M_S2, azimuth_of, rotation_between
 from toppling.models.hidden_base.draws import UnseenBase
+from toppling.models.kept import Described
 from toppling.models.lengths import check_remarks, metres_in, too_large
 from toppling.models.pedestal import ContactProperties, Pedestal
 from toppling.models.rock import Rock, check_size, check_triangles, nearby_origin_m

@@ -7,7 +7,7 @@ import numpy as np
 from toppling.models.compiled import COMPLETE, FOLDER
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
-from toppling.workers.shake import shake
+from toppling.workers.shaking import shake
 
 log = logging.getLogger(__name__)
 

@@ -29,7 +29,7 @@ from toppling.results.store import table_of
 from toppling.workers.engines import DEFAULT, ENGINES
 from toppling.workers.job import Assets, JobSpec, identity, run_job
 from toppling.workers.options import PHYSICS_VERSION
-from toppling.workers.shake import compile_once
+from toppling.workers.shaking import compile_once
 
 log = logging.getLogger(__name__)
 

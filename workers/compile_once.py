@@ -53,8 +53,8 @@ def _is_compiled() -> bool:
 
 
 def compile_apart() -> None:
-    """As :func:`toppling.workers.shake.compile_once`, in a process of its own: what compiling takes is given back."""
+    """As :func:`toppling.workers.shaking.compile_once`, in a process of its own: what compiling takes is given back."""
     if not _is_compiled() and FOLDER is not None:
-        program = "from toppling.workers.shake import compile_once; compile_once()"
+        program = "from toppling.workers.shaking import compile_once; compile_once()"
         # Ctrl-C is for this process, which ends the other one.
         subprocess.run([sys.executable, "-P", "-c", program], check=True, start_new_session=True)

@@ -21,7 +21,7 @@ from toppling.models.scene import COM_SPREAD_SHARE, Scene
 from toppling.workers.engines import DEFAULT
 from toppling.workers.options import PHYSICS_VERSION
 from toppling.workers.outcome import ShakeResult
-from toppling.workers.shake import shake
+from toppling.workers.shaking import shake
 from toppling.workers.unmeasured import Unmeasured
 
 

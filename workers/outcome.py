@@ -13,9 +13,8 @@ from toppling.models.ground.points import LARGEST_OPEN_TILT_DEG, ContactModel
 from toppling.models.statics import TOPPLED_FALL, TOPPLED_TILT_DEG
 from toppling.models.trajectory import Trajectory
 from toppling.workers import quaternion
-from toppling.workers.observation import Observation
 from toppling.workers.problem import Problem
-from toppling.workers.termination import FALLS, is_displaced
+from toppling.workers.termination import FALLS, Observation, is_displaced
 
 _STATUS = {
     "speed_limit": "diverged",

@@ -9,13 +9,12 @@ import numpy as np
 
 from toppling.models.compiled import Array, Vector, compiled, inner
 from toppling.models.ground.curved import only_rolls
-from toppling.models.ground.holding import STILL, held_until, is_still
-from toppling.models.ground.rigid import square
+from toppling.models.ground.equilibrium import STILL, held_until, is_still
+from toppling.models.ground.rigid import copy, dot, minus, square
 from toppling.models.ground.stepping import Grounded, advance, leaves_plane, step
-from toppling.models.ground.vectors import copy, dot, minus
-from toppling.workers.observation import travel_m
 from toppling.workers.problem import Problem
 from toppling.workers.quaternion import normal_in_body
+from toppling.workers.termination import travel_m
 
 _LONG_STEPS = 4
 """Steps that a rock which does nothing but roll takes at once: its swings last hundreds of them."""

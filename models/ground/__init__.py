@@ -4,6 +4,19 @@ What moves a rock through a motion on it is here too, since statics follows a ti
 """
 
 __all__ = [
-    "body", "contacts", "creeping", "curved", "equilibrium", "excitation", "facet_path", "facets", "holding",
-    "interface", "mesh", "pairs", "plane", "points", "rigid", "rolling", "stepping", "vectors",
+    "body",
+    "contacts",
+    "creeping",
+    "curved",
+    "equilibrium",
+    "facet_path",
+    "facets",
+    "interface",
+    "mesh",
+    "pairs",
+    "plane",
+    "points",
+    "rigid",
+    "rolling",
+    "stepping",
 ]  # fmt: skip

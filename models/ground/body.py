@@ -16,8 +16,7 @@ from toppling.models.errors import InputError
 from toppling.models.frames import plane_axes
 from toppling.models.ground.contacts import CONTACT, LEANING, MOST
 from toppling.models.ground.creeping import settle
-from toppling.models.ground.curved import NO_CURVED, CurvedGround, untouched
-from toppling.models.ground.dome import curved_ground
+from toppling.models.ground.curved import NO_CURVED, CurvedGround, curved_ground, untouched
 from toppling.models.ground.equilibrium import are_held, held_polygon, wrenches
 from toppling.models.ground.facets import (
     FIRST_KEY,
@@ -34,7 +33,7 @@ from toppling.models.ground.stepping import Grounded, contacts_at, work_room
 from toppling.models.kept import kept
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
-from toppling.models.rounded.patches import patches_of, smooth_mesh_of
+from toppling.models.rounded.base import patches_of, smooth_mesh_of
 from toppling.models.support import TOPPLED_TILT_DEG
 
 GROUND_REACH = 4.0

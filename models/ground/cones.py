@@ -16,10 +16,9 @@ import math
 from typing import Any
 
 from toppling.models.compiled import Array, Vector, inner
-from toppling.models.ground.rigid import square
+from toppling.models.ground.contacts import Touching, push, response, velocity_of
+from toppling.models.ground.rigid import copy, cross, dot, plus, square
 from toppling.models.ground.sticking_contacts import stick_at_once
-from toppling.models.ground.touching import Touching, push, response, velocity_of
-from toppling.models.ground.vectors import copy, cross, dot, plus
 
 _PRECISION = 1e-10
 """Of the fastest contact's speed: velocities that are off by less agree. After rounds in which they did not, up to what

@@ -6,8 +6,8 @@ import numpy as np
 
 from toppling.models.compiled import Array, compiled
 from toppling.models.ground.pairs import moved_m
+from toppling.models.ground.rigid import copy
 from toppling.models.ground.stepping import Grounded, advance
-from toppling.models.ground.vectors import copy
 
 
 @compiled

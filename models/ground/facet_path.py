@@ -23,7 +23,7 @@ import numpy as np
 
 from toppling.models.compiled import Array, Indices, Vector, compiled, inner
 from toppling.models.frames import horizontal_unit_vector, plane_axes
-from toppling.models.ground.vectors import dot, plus, turned
+from toppling.models.ground.rigid import dot, plus, turned
 from toppling.models.pedestal import Pedestal
 from toppling.models.relief import contact_feet_m
 from toppling.models.rock import Rock

@@ -19,9 +19,9 @@ from toppling.models.ground.contacts import add
 from toppling.models.ground.grid import cell_of
 from toppling.models.ground.mesh import ContactMesh, normals_beside_edges, sides_at_edges
 from toppling.models.ground.pairs import moved_m
+from toppling.models.ground.rigid import copy, dot, minus, plus, rotation_of, turned, turned_back
 from toppling.models.ground.rolling import NO_ROLLING, RollingSurface, follow, lowest_within, placed_on
-from toppling.models.ground.vectors import copy, dot, minus, plus, rotation_of, turned, turned_back
-from toppling.models.joined import joined_parts
+from toppling.models.shapes import joined_parts
 
 FIRST_KEY = 4 << 60
 """Of contacts: by part, facets and then edges; then creases, by facet."""

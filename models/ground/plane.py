@@ -17,7 +17,7 @@ from toppling.models.compiled import Array, Flags, Indices, inner
 from toppling.models.frames import plane_axes
 from toppling.models.ground.contacts import add
 from toppling.models.ground.pairs import moved_m
-from toppling.models.ground.vectors import plus, turned
+from toppling.models.ground.rigid import plus, turned
 from toppling.models.kept import kept
 from toppling.models.pedestal import Pedestal
 from toppling.models.relief import height_below

@@ -1,11 +1,13 @@
-"""Motion of a free rigid body: poses (7,) and velocities (6,), per mass. Compiled."""
+"""Motion of a free rigid body, per mass: poses (7,), velocities (6,), rotations, and ground that moves. Compiled."""
 
 from __future__ import annotations
 
 import math
 from typing import Any
 
-from toppling.models.compiled import Array, inner
+import numpy as np
+
+from toppling.models.compiled import Array, Vector, inner
 
 
 @inner
@@ -62,3 +64,107 @@ def invert(turn: Array, inertia_m2: Array, out: Array) -> None:
                 + turn[i, 1] * turn[j, 1] / inertia_m2[1]
                 + turn[i, 2] * turn[j, 2] / inertia_m2[2]
             )
+
+
+@inner
+def rotation_of(pose: Array, turn: Array) -> None:
+    """Matrix (3, 3) of the attitude of a pose (7,)."""
+    x, y, z, w = pose[3], pose[4], pose[5], pose[6]
+    turn[0, 0], turn[0, 1], turn[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)
+    turn[1, 0], turn[1, 1], turn[1, 2] = 2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)
+    turn[2, 0], turn[2, 1], turn[2, 2] = 2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)
+
+
+@inner
+def copy(source: Array, target: Array) -> None:
+    """Copy one array into another; an assignment of arrays takes Numba's compiler long."""
+    for k in range(len(target)):
+        target[k] = source[k]
+
+
+@inner
+def dot(a: Any, b: Any) -> float:
+    """Scalar product."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@inner
+def minus(a: Any, b: Any) -> tuple[float, float, float]:
+    """Difference of two."""
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@inner
+def plus(a: Any, share: float, b: Any) -> tuple[float, float, float]:
+    """One, and a share of another."""
+    return a[0] + share * b[0], a[1] + share * b[1], a[2] + share * b[2]
+
+
+@inner
+def cross(a: Any, b: Any) -> tuple[float, float, float]:
+    """Vector product."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@inner
+def turned(turn: Array, a: Any) -> tuple[float, float, float]:
+    """One turned by a rotation (3, 3)."""
+    return dot(turn[0], a), dot(turn[1], a), dot(turn[2], a)
+
+
+@inner
+def turned_back(turn: Array, a: Any) -> tuple[float, float, float]:
+    """One turned by the inverse of a rotation (3, 3)."""
+    return (
+        turn[0, 0] * a[0] + turn[1, 0] * a[1] + turn[2, 0] * a[2],
+        turn[0, 1] * a[0] + turn[1, 1] * a[1] + turn[2, 1] * a[2],
+        turn[0, 2] * a[0] + turn[1, 2] * a[1] + turn[2, 2] * a[2],
+    )
+
+
+def excitation(acceleration_m_s2: Array, sample_s: float) -> Array:
+    """Acceleration and velocity (samples, 6) of ground that starts at rest, from its acceleration (samples, 3).
+
+    The velocity is the exact integral of an acceleration that is linear between samples.
+    """
+    velocity = np.zeros_like(acceleration_m_s2)
+    means = 0.5 * (acceleration_m_s2[1:] + acceleration_m_s2[:-1])
+    np.cumsum(sample_s * means, axis=0, out=velocity[1:])
+    return np.hstack([acceleration_m_s2, velocity])
+
+
+@inner
+def velocity_increment_m_s(
+    ground: Array, sample_s: float, gravity_m_s2: Array, since_s: float, until_s: float
+) -> Vector:
+    """What gravity less the ground's acceleration adds to a velocity between two times.
+
+    Parameters
+    ----------
+    ground : (samples, 6) array
+        As :func:`excitation` gives it; before it and after it the ground moves uniformly.
+    sample_s : float
+    gravity_m_s2 : (3,) array
+        In the axes of the ground's motion.
+    since_s, until_s : float
+    """
+    before, after = _velocity_m_s(ground, sample_s, since_s), _velocity_m_s(ground, sample_s, until_s)
+    lasting_s = until_s - since_s
+    return (
+        gravity_m_s2[0] * lasting_s - (after[0] - before[0]),
+        gravity_m_s2[1] * lasting_s - (after[1] - before[1]),
+        gravity_m_s2[2] * lasting_s - (after[2] - before[2]),
+    )
+
+
+@inner
+def _velocity_m_s(ground: Array, sample_s: float, time_s: float) -> Vector:
+    time = min(max(time_s, 0.0), (len(ground) - 1) * sample_s)
+    i = min(int(time / sample_s), len(ground) - 2)
+    since = time - i * sample_s
+    half = 0.5 * since * since / sample_s
+    return (
+        ground[i, 3] + since * ground[i, 0] + half * (ground[i + 1, 0] - ground[i, 0]),
+        ground[i, 4] + since * ground[i, 1] + half * (ground[i + 1, 1] - ground[i, 1]),
+        ground[i, 5] + since * ground[i, 2] + half * (ground[i + 1, 2] - ground[i, 2]),
+    )

@@ -12,8 +12,8 @@ import numpy as np
 
 from toppling.models.compiled import Array, Flags, Indices, Vector, inner
 from toppling.models.ground.pairs import moved_m
-from toppling.models.ground.vectors import dot, plus, rotation_of, turned
-from toppling.models.rounded.patches import SINGULAR, Patches
+from toppling.models.ground.rigid import dot, plus, rotation_of, turned
+from toppling.models.rounded.base import SINGULAR, Patches
 
 _MOST_PATCHES = 200
 """From one to the next, while the lowest place is looked for."""

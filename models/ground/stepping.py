@@ -15,18 +15,36 @@ import numpy as np
 
 from toppling.models.compiled import Array, Indices, Vector, compiled, inner
 from toppling.models.ground.cones import solve_cones
-from toppling.models.ground.contacts import CONTACT, LEANING, MOST, contacts_in
+from toppling.models.ground.contacts import (
+    CONTACT,
+    LEANING,
+    MOST,
+    SolverRoom,
+    Touching,
+    contacts_in,
+    solver_room,
+)
 from toppling.models.ground.curved import CurvedGround, curved_contacts
-from toppling.models.ground.excitation import velocity_increment_m_s
 from toppling.models.ground.facets import Facets, rounded_contacts
 from toppling.models.ground.mesh import ContactMesh
-from toppling.models.ground.pair_search import find
-from toppling.models.ground.pairs import RADIUS, Lists
+from toppling.models.ground.pairs import RADIUS, Lists, find
 from toppling.models.ground.plane import PlanePoints, is_over_plane, plane_contacts
-from toppling.models.ground.rigid import invert, move, spin, square, times
+from toppling.models.ground.rigid import (
+    copy,
+    cross,
+    dot,
+    invert,
+    minus,
+    move,
+    plus,
+    rotation_of,
+    spin,
+    square,
+    times,
+    turned,
+    velocity_increment_m_s,
+)
 from toppling.models.ground.rolling import RollingSurface, rolling_contacts
-from toppling.models.ground.touching import SolverRoom, Touching, solver_room
-from toppling.models.ground.vectors import copy, cross, dot, minus, plus, rotation_of, turned
 
 _MOST_IMPACTS = 20
 """In a step; contacts that close later in it are met at its end."""

@@ -13,9 +13,8 @@ import math
 from typing import Any, NamedTuple
 
 from toppling.models.compiled import Array, Vector, inner
-from toppling.models.ground.rigid import square
-from toppling.models.ground.touching import Touching
-from toppling.models.ground.vectors import cross, dot, minus, plus
+from toppling.models.ground.contacts import Touching
+from toppling.models.ground.rigid import cross, dot, minus, plus, square
 
 _Symmetric = tuple[float, float, float, float, float, float]
 """xx, yy, zz, xy, xz, yz of a matrix."""

@@ -10,9 +10,8 @@ from scipy.special import logsumexp
 
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
-from toppling.models.hidden_base.gap import GapDraw, Relief, flat_log_likelihood, side_raised, weights
+from toppling.models.hidden_base.gap import Base, GapDraw, Relief, flat_log_likelihood, side_raised, weights
 from toppling.models.hidden_base.observed import LEVEL_PER_WIDTH, ROUGH_LENGTH_PER_WIDTH, HiddenPart
-from toppling.models.hidden_base.underside import Base
 from toppling.models.proportions import effective_number
 from toppling.models.scan.hints_file import FLAT, KINDS, ROUGH, ROUNDED
 

@@ -24,18 +24,17 @@ from toppling.models.hidden_base.evidence import (
     pulls_log_likelihood,
     shares_by_evidence,
 )
-from toppling.models.hidden_base.gap import GapDraw, draw_gaps, encloses, resampled
+from toppling.models.hidden_base.gap import Base, GapDraw, Underside, draw_gaps, encloses, resampled
 from toppling.models.hidden_base.inspection import Inspection
 from toppling.models.hidden_base.intervals import FEW_DISTINCT
 from toppling.models.hidden_base.observed import HiddenPart, hidden_part, reliefs
 from toppling.models.hidden_base.statics import BAND_PER_HEIGHT, DrawStatics, mass_moved_m
-from toppling.models.hidden_base.underside import Base, Underside
 from toppling.models.pedestal import Pedestal
 from toppling.models.proportions import effective_number
 from toppling.models.rock import Rock
 from toppling.models.scan.hints_file import FLAT, KINDS, ROUGH, ROUNDED
 from toppling.models.scan.interface import Interface
-from toppling.models.scan.measure import ObservedRock
+from toppling.models.scan.uncertainty import ObservedRock
 
 DRAWS = 48
 """Kept in the scene."""

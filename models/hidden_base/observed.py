@@ -11,10 +11,15 @@ from scipy.spatial import ConvexHull, cKDTree
 
 from toppling.models.arrays import Array, Flags, Indices
 from toppling.models.errors import InputError
-from toppling.models.hidden_base.gap import BaseObservation, Relief
+from toppling.models.hidden_base.gap import (
+    LEAST_GAP_PER_HEIGHT,
+    BaseObservation,
+    Relief,
+    Underside,
+    depth_of_holes,
+)
 from toppling.models.hidden_base.inspection import Inspection
 from toppling.models.hidden_base.near_interface import NearInterface
-from toppling.models.hidden_base.underside import LEAST_GAP_PER_HEIGHT, Underside, depth_of_holes
 from toppling.models.pedestal import Pedestal
 from toppling.models.relief import height_below
 from toppling.models.scan.interface import Interface

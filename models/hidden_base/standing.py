@@ -21,20 +21,18 @@ from toppling.models.hidden_base.from_scan import (
     draw_bases,
     unseen_base,
 )
-from toppling.models.hidden_base.gap import encloses
+from toppling.models.hidden_base.gap import LEAST_GAP_PER_HEIGHT, Base, Underside, encloses, hidden_base
 from toppling.models.hidden_base.inspection import Inspection
 from toppling.models.hidden_base.next_look import observations
 from toppling.models.hidden_base.observed import check_on_interface, hidden_part
 from toppling.models.hidden_base.statics import FRICTION
-from toppling.models.hidden_base.underside import LEAST_GAP_PER_HEIGHT, Base, Underside, hidden_base
 from toppling.models.kept import kept
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.crevice import grid_triangles
 from toppling.models.scan.interface import Interface, between_nodes, lattice
-from toppling.models.scan.measure import ObservedRock
-from toppling.models.scan.uncertainty import spread_of
+from toppling.models.scan.uncertainty import ObservedRock, spread_of
 from toppling.models.statics import equilibrium_possible
 
 _AROUND_LATTICES = 12.0

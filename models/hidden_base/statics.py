@@ -12,10 +12,9 @@ from toppling.models.arrays import Array
 from toppling.models.frames import STANDARD_GRAVITY_M_S2, horizontal_unit_vector
 from toppling.models.ground.facet_path import Seat
 from toppling.models.hidden_base.draws import feet_above_m, least_feet
-from toppling.models.hidden_base.gap import GapDraw
+from toppling.models.hidden_base.gap import Base, GapDraw
 from toppling.models.hidden_base.near_interface import SIDE_TANGENT
 from toppling.models.hidden_base.observed import HiddenPart, clearances
-from toppling.models.hidden_base.underside import Base
 from toppling.models.pedestal import ContactProperties, Pedestal
 from toppling.models.pivots import tips_m_s2
 from toppling.models.rock import Rock

@@ -13,8 +13,8 @@ from functools import cached_property
 import numpy as np
 
 from toppling.models.arrays import Array, Flags, Indices
-from toppling.models.joined import joined_parts
 from toppling.models.rock import Rock
+from toppling.models.shapes import joined_parts
 from toppling.models.support import TOPPLED_TILT_DEG
 
 _CREASE_DEG = 30.0

@@ -3,6 +3,20 @@
 from toppling.models import matplotlib_alone as matplotlib_alone
 
 __all__ = [
-    "candidates", "close", "crevice", "directions", "hints_file", "interface", "interface_hint", "measure", "parts",
-    "placement", "read", "reference", "register", "segment", "survey", "uncertainty", "view", "virtual", "worked_out",
+    "candidates",
+    "close",
+    "crevice",
+    "directions",
+    "hints_file",
+    "interface",
+    "interface_hint",
+    "parts",
+    "placement",
+    "read",
+    "register",
+    "segment",
+    "surfels",
+    "survey",
+    "uncertainty",
+    "virtual",
 ]  # fmt: skip

@@ -17,9 +17,9 @@ from toppling.models.arrays import Array, Flags
 from toppling.models.errors import InputError, refusals
 from toppling.models.files.given import check_lines, open_given
 from toppling.models.lengths import check_remarks, other_unit_in
-from toppling.models.scan import reference
+from toppling.models.scan import placement
 from toppling.models.scan.plausible import coordinate_steps
-from toppling.models.scan.ptx import NOWHERE, Pose, in_survey
+from toppling.models.scan.text import NOWHERE, Pose, in_survey
 
 _NOISE = (7, 18)
 """Classes of low and high noise in the LAS specification."""
@@ -97,7 +97,7 @@ def classes(path: Path) -> Points:
     return {}, [np.concatenate(parts)]
 
 
-def _said(ask: Callable[[], reference.Reference | None]) -> dict[str, Any]:
+def _said(ask: Callable[[], placement.Reference | None]) -> dict[str, Any]:
     """Coordinate system that a file states, or why what it states is refused."""
     try:
         return {"reference": ask(), "refusal": None}
@@ -106,7 +106,7 @@ def _said(ask: Callable[[], reference.Reference | None]) -> dict[str, Any]:
         return {"reference": None, "refusal": refusal}
 
 
-def _las_system(source: Any, path: Path) -> reference.Reference | None:
+def _las_system(source: Any, path: Path) -> placement.Reference | None:
     """Coordinate system by WKT or GeoTIFF's keys, whichever the header says is meant, or the other if it is alone.
 
     Raises InputError if both are there and differ in unit, or as those of `reference`.
@@ -118,17 +118,17 @@ def _las_system(source: Any, path: Path) -> reference.Reference | None:
         if each.user_id.strip("\0 ") == "LASF_Projection"
     }
     wkt = content.get(_WKT, b"").decode("latin-1").strip("\0 \r\n")
-    keys, doubles = (content.get(each, b"") for each in (reference.GEO_KEYS, reference.GEO_DOUBLES))
+    keys, doubles = (content.get(each, b"") for each in (placement.GEO_KEYS, placement.GEO_DOUBLES))
     meant = bool(wkt) and source.header.global_encoding.wkt
     try:
-        by_keys = reference.of_geo_keys(keys, doubles, str(path)) if keys else None
+        by_keys = placement.of_geo_keys(keys, doubles, str(path)) if keys else None
     except InputError:
         if not meant:
             raise
         by_keys = None
     if not wkt:
         return by_keys
-    by_wkt = reference.of_wkt(wkt, str(path))
+    by_wkt = placement.of_wkt(wkt, str(path))
     if by_keys is None:
         return by_wkt
     both = zip(by_wkt["metres_per_unit"], by_keys["metres_per_unit"], strict=True)
@@ -240,14 +240,14 @@ def _part(node: Any, part: str, names: str, path: Path) -> Array | None:
     return np.array([children[name].value() for name in names], float)
 
 
-def _e57_system(source: Any, headers: list[Any], path: Path) -> reference.Reference | None:
+def _e57_system(source: Any, headers: list[Any], path: Path) -> placement.Reference | None:
     """What a file says of its coordinates in words.
 
     Raises InputError if that is another unit than metres, which are E57's by its standard: nobody can tell which is
     right.
     """
     words = [_text(source.root, "coordinateMetadata"), *(_text(each.node, "description") for each in headers)]
-    system = reference.of_words(words[0], str(path))
+    system = placement.of_words(words[0], str(path))
     unit = other_unit_in(words if system is None else words[1:])
     if unit or (system is not None and system["metres_per_unit"] != [1.0, 1.0]):
         stated = unit if system is None else f"{system['name']}, in {system['unit']}"

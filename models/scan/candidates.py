@@ -9,10 +9,10 @@ from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 from scipy.spatial import cKDTree
 
 from toppling.models.arrays import Array, Flags, Indices, bounds_of, distinct, inside_cylinder
-from toppling.models.joined import joined_parts
 from toppling.models.scan.directions import SECTORS, sectors
 from toppling.models.scan.interface import Interface, fitted_plane
 from toppling.models.scan.surfels import LEVEL, Surfels, orient, thin
+from toppling.models.shapes import joined_parts
 
 _COARSE_SURFELS = 25_000
 LEAST_PEAK_VOXELS = 6
@@ -243,7 +243,7 @@ def cut_between(
     points = surfels.points_m
     cut = rock[edges[:, 0]] != rock[edges[:, 1]]
     loop_m = points[edges[cut]].mean(axis=1)
-    cost = float(capacity(surfels, edges[cut]).sum() / (_OF_A_BULGE * np.sqrt(rock.sum())))
+    cost = float(_capacity(surfels, edges[cut]).sum() / (_OF_A_BULGE * np.sqrt(rock.sum())))
     return Candidate(float(np.ptp(points[rock, 2])), points[peak], surfels, rock, share, cost, loop_m)
 
 
@@ -351,7 +351,7 @@ def minimum_cut(
     Where heights over a known interface are given, edges that rise through it cost little more than a crease: rock and
     pedestal meet there. Edges along it do not, for the ground goes on beside the rock.
     """
-    count, value = len(surfels.points_m), capacity(surfels, edges, height_m)
+    count, value = len(surfels.points_m), _capacity(surfels, edges, height_m)
     source, sink = count, count + 1
     big = np.int32(10_000_000)
     start = np.concatenate([edges[:, 0], edges[:, 1], np.full(seeds.sum(), source), np.flatnonzero(far)])
@@ -367,7 +367,7 @@ def minimum_cut(
     return reached[:count]
 
 
-def capacity(surfels: Surfels, edges: Indices, height_m: Array | None = None) -> NDArray[np.int32]:
+def _capacity(surfels: Surfels, edges: Indices, height_m: Array | None = None) -> NDArray[np.int32]:
     """Price (m,) of each edge; heights over a known interface as of the cut."""
     price = np.rint(_OF_A_CREASE + _OF_A_BULGE / (1 + np.exp(-(bend(surfels, edges) - CREASE) / 0.08)))
     if height_m is not None:

@@ -18,13 +18,13 @@ from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError, cKDTree
 
 from toppling.models.arrays import Array, Flags, Indices
 from toppling.models.errors import InputError
+from toppling.models.hidden_base.gap import Base
 from toppling.models.hidden_base.near_interface import LEVELS, SidesSeen, UnseenSide
-from toppling.models.hidden_base.underside import Base
-from toppling.models.joined import joined_parts
 from toppling.models.rock import Rock
 from toppling.models.scan.crevice import grid_triangles
 from toppling.models.scan.interface import Interface, Sheet
 from toppling.models.scan.surfels import LEVEL, Surfels
+from toppling.models.shapes import joined_parts
 
 _LEAST_PATCHES = 40
 _NEIGHBOURS = 9

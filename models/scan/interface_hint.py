@@ -13,10 +13,10 @@ from toppling.models.errors import InputError, refusals
 from toppling.models.files.table import Table, places_in
 from toppling.models.frames import plane_normal, slope_of_normal
 from toppling.models.scan.directions import direction_text
-from toppling.models.scan.header import named_columns
 from toppling.models.scan.hints_file import outside_cloud
 from toppling.models.scan.interface import Interface, fit_interface
 from toppling.models.scan.surfels import Surfels
+from toppling.models.scan.text import named_columns
 
 _STEEPEST_DEG = 60.0
 """No rock stands on an interface steeper than this without sliding: friction coefficient 1.7."""

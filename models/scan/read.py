@@ -25,7 +25,7 @@ from toppling.models.scan.meshes import (
     outward,
     points_on,
 )
-from toppling.models.scan.placement import Placement
+from toppling.models.scan.placement import Placement, Reference
 from toppling.models.scan.plausible import (
     check_axes,
     check_points,
@@ -34,9 +34,7 @@ from toppling.models.scan.plausible import (
     marked_unmeasured,
     steps_of_mesh,
 )
-from toppling.models.scan.ptx import read_ptx
-from toppling.models.scan.reference import Reference
-from toppling.models.scan.text import read_text
+from toppling.models.scan.text import read_ptx, read_text
 
 _TEXTS = (".xyz", ".xyzrgb", ".xyzn", ".xyzi", ".asc", ".pts", ".txt", ".csv", ".dat")
 FORMATS = (".ply", ".pcd", *_TEXTS, ".ptx", ".las", ".laz", ".e57")

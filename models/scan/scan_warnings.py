@@ -28,9 +28,9 @@ from toppling.models.scan.directions import (
 )
 from toppling.models.scan.interface import Interface, fit_interface, fitted_plane
 from toppling.models.scan.interface_hint import OFF_PER_HEIGHT
-from toppling.models.scan.measure import ObservedRock, outside_support_m
 from toppling.models.scan.segment import ROCK
 from toppling.models.scan.surfels import LEVEL, Surfels
+from toppling.models.scan.uncertainty import ObservedRock, outside_support_m
 
 _MOST_INVENTED = 0.6
 """Share of the surface; with more of it invented known volumes came out off by half."""

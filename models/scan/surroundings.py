@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation
 
 from toppling.models.arrays import Array, Flags, Indices
 from toppling.models.frames import compass_deg
-from toppling.models.joined import joined_parts
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.surfels import Surfels, in_plants
+from toppling.models.shapes import joined_parts
 
 CELL_PER_HEIGHT = 0.03
 """Cells in which the rock's way is noted; what is a cell away from it is reached, as the rock slides a little too."""

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from toppling.orchestrator.studies.seismograms import check
     from toppling.results.reader import Run, open_run
     from toppling.workers.outcome import ShakeResult
-    from toppling.workers.shake import shake
+    from toppling.workers.shaking import shake
     from toppling.workers.start import State
     from toppling.workers.unmeasured import Unmeasured
 
@@ -85,7 +85,7 @@ _HOMES = {
     "run": "toppling.orchestrator.public.running",
     "scan": "toppling.orchestrator.public.making",
     "scan_again": "toppling.orchestrator.public.making",
-    "shake": "toppling.workers.shake",
+    "shake": "toppling.workers.shaking",
     "with_rough_base": "toppling.models.hidden_base.rough_base",
 }
 

@@ -20,8 +20,7 @@ from toppling.models.scan.candidates import find_candidates, surfels_of
 from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.register import Registered, registered
-from toppling.models.scan.survey import work_out
-from toppling.models.scan.worked_out import WorkedOut
+from toppling.models.scan.survey import WorkedOut, work_out
 from toppling.models.scene import Scene
 from toppling.orchestrator.interrupt import signals_blocked
 from toppling.orchestrator.pick.page import View, view_of

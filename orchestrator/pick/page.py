@@ -19,10 +19,9 @@ from toppling.models.scan.hints_file import KINDS, Hints
 from toppling.models.scan.interface_hint import InterfaceHint, hint_of
 from toppling.models.scan.placement import upward
 from toppling.models.scan.segment import NEITHER, ROCK
-from toppling.models.scan.survey import Survey
+from toppling.models.scan.surfels import SAMPLED_POINTS, SHOWN_POINTS, around, shade, thinned
+from toppling.models.scan.survey import Survey, WorkedOut
 from toppling.models.scan.uncertainty import spread_of
-from toppling.models.scan.view import SAMPLED_POINTS, SHOWN_POINTS, around, shade, thinned
-from toppling.models.scan.worked_out import WorkedOut
 
 _MOST_PLACES = 1000
 """Maximum number of places of each kind."""

@@ -19,9 +19,8 @@ from toppling.models.lengths import METRES
 from toppling.models.scan.hints_file import KINDS
 from toppling.models.scan.placement import Placement
 from toppling.models.scan.read import Cloud
-from toppling.models.scan.survey import Survey
-from toppling.models.scan.view import picked
-from toppling.models.scan.worked_out import WorkedOut
+from toppling.models.scan.surfels import picked
+from toppling.models.scan.survey import Survey, WorkedOut
 from toppling.orchestrator.pick import apart
 from toppling.orchestrator.pick.apart import Apart, EndedError
 from toppling.orchestrator.pick.page import UserHints, answer_shown, detail, tops, view_of

@@ -19,8 +19,7 @@ from toppling.models.scan.hints_file import OF_READING, CloudHints
 from toppling.models.scan.interface_hint import hint_of
 from toppling.models.scan.placement import Placement
 from toppling.models.scan.read import read_clouds
-from toppling.models.scan.survey import Survey
-from toppling.models.scan.worked_out import WorkedOut
+from toppling.models.scan.survey import Survey, WorkedOut
 from toppling.models.scene import Scene
 from toppling.orchestrator.loopback import HTML, TEXT, Answers, Loopback
 from toppling.orchestrator.pick.page import UserHints, numbers

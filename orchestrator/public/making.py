@@ -15,12 +15,10 @@ from toppling.models.hidden_base.intervals import base_sentences
 from toppling.models.scan.hints_file import HINTS, KEYS, CloudHints, Hints, Place, plain, write_hints
 from toppling.models.scan.interface_hint import InterfaceHint, hint_of
 from toppling.models.scan.parts import files_with, labelled, parts_of
-from toppling.models.scan.placement import Placement, control_point_lines, placement_of
+from toppling.models.scan.placement import Placement, Reference, control_point_lines, of_user, placement_of
 from toppling.models.scan.read import Cloud, read_clouds
-from toppling.models.scan.reference import Reference, of_user
-from toppling.models.scan.survey import SeparatedMeshes, Survey, save_survey, survey
+from toppling.models.scan.survey import SeparatedMeshes, Survey, WorkedOut, save_survey, survey
 from toppling.models.scan.uncertainty import invention_warning
-from toppling.models.scan.worked_out import WorkedOut
 from toppling.models.scene import Scene
 from toppling.orchestrator.public import unseen
 from toppling.orchestrator.rocks_of_run import draw_settling, settling_notes

@@ -20,7 +20,7 @@ from toppling.models.scene import Scene
 from toppling.orchestrator.processes import pool_of
 from toppling.orchestrator.public import unseen
 from toppling.orchestrator.site_table import Site, seismograms_in
-from toppling.workers.shake import shake
+from toppling.workers.shaking import shake
 
 _AHEAD = 4
 """Number of submitted tasks per worker, which bounds the seismograms in memory."""

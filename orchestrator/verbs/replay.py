@@ -28,7 +28,7 @@ from toppling.workers.engines import DEFAULT
 from toppling.workers.job import Assets, JobSpec, outcome_of, prepared
 from toppling.workers.outcome import ShakeResult
 from toppling.workers.seating import settled
-from toppling.workers.shake import shake
+from toppling.workers.shaking import shake
 
 
 @click.command()

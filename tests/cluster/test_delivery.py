@@ -26,7 +26,7 @@ from toppling.orchestrator.leaving import leaving_in_order
 from toppling.orchestrator.plan import plan_of
 from toppling.orchestrator.run import run
 from toppling.orchestrator.task import RunKey, versions
-from toppling.workers.shake import compile_once
+from toppling.workers.shaking import compile_once
 
 PATIENCE_S = 60.0
 

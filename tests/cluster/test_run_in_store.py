@@ -14,7 +14,7 @@ from waiting import wait_until
 
 from toppling.models.compiled import FOLDER
 from toppling.models.files.stores import Copy
-from toppling.workers.shake import compile_once
+from toppling.workers.shaking import compile_once
 
 PATIENCE_S = 120.0
 ADDRESS = "s3://bucket/runs/first"

@@ -18,7 +18,7 @@ from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.results.reader import open_run
-from toppling.workers.shake import shake
+from toppling.workers.shaking import shake
 
 
 def test_a_folder_has_its_name_only_when_all_is_written(tmp_path):

@@ -9,8 +9,7 @@ from reference.bodies import revolved, round_cap
 from scipy.spatial.transform import Rotation
 
 from toppling.models.rock import Rock
-from toppling.models.rounded.base import RollingBody, RoundedBase, refined, rounded_base_of
-from toppling.models.rounded.patches import patches_of
+from toppling.models.rounded.base import RollingBody, RoundedBase, patches_of, refined, rounded_base_of
 from toppling.models.rounded.smooth_mesh import SmoothMesh
 from toppling.models.scene import Scene
 from toppling.models.shapes import box, cylinder

@@ -19,7 +19,7 @@ from toppling.models.pedestal import ContactProperties, Pedestal
 from toppling.models.scene import Scene
 from toppling.models.shapes import box, cylinder
 from toppling.workers.engines import options_of
-from toppling.workers.shake import shake
+from toppling.workers.shaking import shake
 
 G = 9.81
 GRIP = 10.0  # friction that holds the corner in every rocking case

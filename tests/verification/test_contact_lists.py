@@ -10,8 +10,7 @@ from toppling.models.ground.contacts import CONTACT, LEANING, MOST, contacts_in
 from toppling.models.ground.curved import NO_CURVED
 from toppling.models.ground.facets import NO_FACETS
 from toppling.models.ground.mesh import contact_mesh
-from toppling.models.ground.pair_search import find
-from toppling.models.ground.pairs import REACH, empty_lists
+from toppling.models.ground.pairs import REACH, empty_lists, find
 from toppling.models.ground.stepping import contacts_at
 from toppling.models.rock import Rock
 

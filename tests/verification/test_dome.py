@@ -12,7 +12,7 @@ from test_ground import block, strips
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.models.shapes import box
-from toppling.workers.shake import shake
+from toppling.workers.shaking import shake
 
 G = 9.81
 HALF_WIDTH_M, HALF_HEIGHT_M, RADIUS_M = 0.2, 0.5, 1.2

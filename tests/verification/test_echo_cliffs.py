@@ -12,7 +12,7 @@ from reference.closed_forms import slip_of_pulse_m
 from toppling.models.frames import horizontal_unit_vector
 from toppling.models.motions.motion import Motion
 from toppling.models.pedestal import Pedestal
-from toppling.workers.shake import shake
+from toppling.workers.shaking import shake
 
 AWAY_DEG, TOWARD_DEG = 135.0, 315.0
 """Ground that accelerates so topples the rock away from the cliff (toward 315 degrees), and over its edge."""

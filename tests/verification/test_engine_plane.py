@@ -12,7 +12,7 @@ from reference.sliding_rocking import slide_and_rock
 from toppling.models.motions.motion import Motion
 from toppling.models.pedestal import ContactProperties
 from toppling.models.scene import Scene
-from toppling.workers.shake import shake
+from toppling.workers.shaking import shake
 
 TARGET = {"standard": 0.002, "reference": 0.0005}  # of times, thresholds, impact ratios and slip
 LOSS_TARGET = 0.03  # of the energy lost in an impact

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.models.shapes import box
-from toppling.workers.shake import shake
+from toppling.workers.shaking import shake
 
 G = case.G
 ROCK = box(0.2, 0.3, 0.6)

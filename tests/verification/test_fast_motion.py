@@ -9,8 +9,8 @@ from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.models.shapes import box
 from toppling.workers.options import PRESETS
-from toppling.workers.resolution import _energetic_frequency_hz
-from toppling.workers.shake import shake
+from toppling.workers.problem import _energetic_frequency_hz
+from toppling.workers.shaking import shake
 
 SLOPE_DEG, FRICTION, G = 8.0, 0.4, 9.81
 

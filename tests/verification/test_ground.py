@@ -29,8 +29,7 @@ from toppling.orchestrator.public.making import scan
 from toppling.workers.engines import DEFAULT, engine_named
 from toppling.workers.options import PRESETS
 from toppling.workers.problem import Problem
-from toppling.workers.shake import shake
-from toppling.workers.shaking import Shaking
+from toppling.workers.shaking import Shaking, shake
 from toppling.workers.standing import holds, least_overturning_j_kg
 from toppling.workers.start import State
 

@@ -9,7 +9,7 @@ from test_ground import HALF_HEIGHT_M, HALF_WIDTH_M, G, as_surface, block, pulse
 from test_rest_on_facets import burst
 
 from toppling.models.motions.motion import Motion
-from toppling.workers.shake import shake
+from toppling.workers.shaking import shake
 
 HEIGHT_M = 1.0
 OFFSETS = [0.0, *(sign * size for size in (1e-9, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3) for sign in (1.0, -1.0))]

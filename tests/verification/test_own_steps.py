@@ -13,8 +13,7 @@ from toppling.models.shapes import box, cylinder
 from toppling.workers.engines.bullet import checked_steps
 from toppling.workers.engines.protocol import StepCheckError
 from toppling.workers.options import PRESETS
-from toppling.workers.shake import shake
-from toppling.workers.shaking import Shaking
+from toppling.workers.shaking import Shaking, shake
 
 G = 9.81
 

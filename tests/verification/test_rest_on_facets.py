@@ -8,16 +8,14 @@ from scipy.spatial.transform import Rotation
 from test_ground import block_on
 
 from toppling.models.compiled import compiled
-from toppling.models.ground.equilibrium import are_held, wrenches
-from toppling.models.ground.holding import held_until
+from toppling.models.ground.equilibrium import are_held, held_until, wrenches
 from toppling.models.ground.points import contact_of
 from toppling.models.ground.stepping import TOUCHING_SHARE
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.workers.options import PRESETS
 from toppling.workers.problem import Problem
-from toppling.workers.shake import shake
-from toppling.workers.shaking import Shaking
+from toppling.workers.shaking import Shaking, shake
 
 STEP_S = 0.01
 SURFACES = [(15, 15), (0, 15), (0, -15)]

@@ -11,7 +11,7 @@ from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.models.shapes import box
 from toppling.workers.engines.mujoco.pieces import hollow_m
-from toppling.workers.shake import shake
+from toppling.workers.shaking import shake
 
 MUJOCO = {"engine": "mujoco"}
 

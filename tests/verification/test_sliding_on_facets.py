@@ -11,7 +11,7 @@ from test_rest_on_facets import burst
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.models.shapes import box
-from toppling.workers.shake import shake
+from toppling.workers.shaking import shake
 
 
 def slips_m(scene, motion, preset):

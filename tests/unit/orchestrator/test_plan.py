@@ -252,7 +252,7 @@ print(json.dumps([module.__file__ for name, module in sys.modules.items() if nam
 """What a shake loads."""
 
 
-@pytest.mark.parametrize("name", ["workers/shake.py", "models/motions/ensemble.py"])
+@pytest.mark.parametrize("name", ["workers/shaking.py", "models/motions/ensemble.py"])
 def test_whatever_can_change_an_answer_is_seen(name, monkeypatch):
     before = code.__wrapped__()
     monkeypatch.setitem(SOURCES, name, SOURCES[name] + b"x = 1")

@@ -3,8 +3,8 @@
 import numpy as np
 
 from toppling.models.scan.interface import Interface
-from toppling.models.scan.measure import ObservedRock
 from toppling.models.scan.surfels import Surfels
+from toppling.models.scan.uncertainty import ObservedRock
 
 VOXEL_M = 0.02
 LEVEL = Interface(np.zeros(3), np.array([0.0, 0.0, 1.0]), np.eye(3), 0.0)

@@ -13,8 +13,7 @@ from toppling.models.files.digest import seal_archive
 from toppling.models.files.schemas import GEOMETRY, LABELS, WORKED_OUT
 from toppling.models.hidden_base.inspection import Inspection, inspection_of
 from toppling.models.scan.hints_file import HINTS, KEYS, hints_text, read_hints, write_hints
-from toppling.models.scan.survey import save_survey, survey
-from toppling.models.scan.worked_out import WorkedOut
+from toppling.models.scan.survey import WorkedOut, save_survey, survey
 from toppling.models.scene import Scene
 from toppling.orchestrator.cli import cli as main
 from toppling.orchestrator.public.making import of_base, stated_hints

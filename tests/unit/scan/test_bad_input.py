@@ -7,8 +7,8 @@ from refusals import refused
 
 from toppling.models.errors import InputError
 from toppling.models.scan import virtual
-from toppling.models.scan.overlap import check_overlap
 from toppling.models.scan.read import Cloud
+from toppling.models.scan.register import check_overlap
 from toppling.models.scan.segment import segment
 from toppling.orchestrator.cli import cli
 

@@ -6,9 +6,8 @@ import trimesh
 from patches import LEVEL, level, upward
 
 from toppling.models.hidden_base.evidence import BEFORE, bowls, mixed_weights, shares_by_evidence
-from toppling.models.hidden_base.gap import GapDraw
+from toppling.models.hidden_base.gap import Base, GapDraw, Underside, hidden_base
 from toppling.models.hidden_base.near_interface import NearInterface
-from toppling.models.hidden_base.underside import Base, Underside, hidden_base
 from toppling.models.pedestal import Pedestal
 from toppling.models.relief import contact_feet_m
 from toppling.models.rock import Rock

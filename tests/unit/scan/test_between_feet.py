@@ -7,10 +7,10 @@ import pytest
 from patches import LEVEL, level
 from refusals import refused
 
+from toppling.models.hidden_base.gap import Underside, hidden_base
 from toppling.models.hidden_base.inspection import Inspection
 from toppling.models.hidden_base.near_interface import NearInterface, near_the_interface
 from toppling.models.hidden_base.observed import hidden_part
-from toppling.models.hidden_base.underside import Underside, hidden_base
 from toppling.models.scan.close import about_hull, close_rock
 from toppling.models.scan.surfels import Surfels, orient
 

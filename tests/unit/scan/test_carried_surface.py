@@ -16,11 +16,11 @@ from toppling.models.rock import Rock
 from toppling.models.scan import virtual
 from toppling.models.scan.close import body_over
 from toppling.models.scan.crevice import grid_triangles
+from toppling.models.scan.ground import faceted, pedestal_surface
 from toppling.models.scan.interface import Interface, Sheet, between_nodes
-from toppling.models.scan.measure import outside_support_m
-from toppling.models.scan.pedestal_surface import faceted, pedestal_surface
 from toppling.models.scan.segment import ROCK, cut_over, segment
 from toppling.models.scan.survey import save_survey, survey
+from toppling.models.scan.uncertainty import outside_support_m
 from toppling.models.scene import Scene
 
 HEIGHT_M, BASE_M = 1.5, 0.7

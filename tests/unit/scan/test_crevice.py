@@ -5,8 +5,8 @@ import pytest
 from patches import level
 from refusals import refused
 
+from toppling.models.hidden_base.gap import hidden_base
 from toppling.models.hidden_base.near_interface import NearInterface
-from toppling.models.hidden_base.underside import hidden_base
 from toppling.models.scan.crevice import judge_crevice, not_strays
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.segment import PEDESTAL, ROCK

@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from tests.virtual_rocks import cut_by, dented, seen_from_tripods, turned
+from toppling.models.hidden_base.gap import hidden_base
 from toppling.models.hidden_base.near_interface import NearInterface, near_the_interface
-from toppling.models.hidden_base.underside import hidden_base
 from toppling.models.scan import virtual
 from toppling.models.scan.close import close_rock
 from toppling.models.scan.interface import Interface

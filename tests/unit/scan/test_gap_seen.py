@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from patches import LEVEL
 
+from toppling.models.hidden_base.gap import Underside
 from toppling.models.hidden_base.inspection import Inspection
 from toppling.models.hidden_base.near_interface import NearInterface
 from toppling.models.hidden_base.observed import UNSEEN_STD_SHARE, clearances, hidden_part
-from toppling.models.hidden_base.underside import Underside
 from toppling.models.pedestal import Pedestal
 
 HEIGHT_M, RADIUS_M, PITCH_M, RIM_M = 2.0, 0.5, 0.01, 0.04

@@ -6,9 +6,9 @@ from patches import level
 
 from toppling.models.frames import plane_normal
 from toppling.models.scan.interface_hint import InterfaceHint, points_text, seen_about_points
-from toppling.models.scan.measure import ObservedRock
 from toppling.models.scan.scan_warnings import off_hint
 from toppling.models.scan.surfels import Surfels
+from toppling.models.scan.uncertainty import ObservedRock
 
 DIP_DEG, TOWARD_DEG, HEIGHT_M, RADIUS_M, PATCH_M = 4.0, 60.0, 2.0, 0.5, 0.02
 ORIGIN_M = np.array([331_000.0, 3_777_000.0, 480.0])

@@ -15,17 +15,16 @@ from toppling.models.hidden_base import from_scan as unseen
 from toppling.models.hidden_base.draws import BaseDraw, UnseenBase
 from toppling.models.hidden_base.evidence import OTHER_ERRORS_SHARE, check_spanned
 from toppling.models.hidden_base.from_scan import AZIMUTHS_DEG, DrawnBases, contradiction, draw_bases
-from toppling.models.hidden_base.gap import GapDraw, way_out
+from toppling.models.hidden_base.gap import GapDraw, hidden_base, way_out
 from toppling.models.hidden_base.inspection import Inspection, inspection_of
 from toppling.models.hidden_base.observed import reliefs
 from toppling.models.hidden_base.standing import check_inspection, nominal_draw
-from toppling.models.hidden_base.underside import hidden_base
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
-from toppling.models.scan.measure import ObservedRock
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.surfels import Surfels
 from toppling.models.scan.survey import survey
+from toppling.models.scan.uncertainty import ObservedRock
 from toppling.models.statics import quasi_static_toppling_m_s2
 from toppling.orchestrator.public.making import in_files
 

@@ -9,9 +9,8 @@ from refusals import refused
 
 from toppling.models.errors import InputError
 from toppling.models.scan import meshes
-from toppling.models.scan.placement import placement_of
+from toppling.models.scan.placement import of_user, placement_of
 from toppling.models.scan.read import read_clouds
-from toppling.models.scan.reference import of_user
 
 FORMATS = ("obj", "ply", "stl", "glb", "off")
 

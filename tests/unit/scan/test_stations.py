@@ -7,9 +7,8 @@ import pytest
 from refusals import refused
 from scipy.spatial.transform import Rotation
 
-from toppling.models.scan.overlap import check_overlap
 from toppling.models.scan.read import Cloud
-from toppling.models.scan.register import check_fit, register
+from toppling.models.scan.register import check_fit, check_overlap, register
 from toppling.models.scan.survey import survey
 
 

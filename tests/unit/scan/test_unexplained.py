@@ -11,11 +11,9 @@ from toppling.models.errors import InputError
 from toppling.models.frames import plane_normal
 from toppling.models.scan import virtual
 from toppling.models.scan.candidates import Candidate, find_candidates
-from toppling.models.scan.choice import choose, with_reason
 from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.interface import Interface, fit_interface
 from toppling.models.scan.interface_hint import hint_of
-from toppling.models.scan.measure import ObservedRock, check_above
 from toppling.models.scan.scan_warnings import (
     check_seen_enough,
     tilted_frame,
@@ -23,8 +21,10 @@ from toppling.models.scan.scan_warnings import (
     unseen_rim,
     warnings_of,
 )
+from toppling.models.scan.segment import choose, with_reason
 from toppling.models.scan.surfels import Surfels
 from toppling.models.scan.survey import survey
+from toppling.models.scan.uncertainty import ObservedRock, check_above
 from toppling.models.scene import Scene
 
 CUBE = Scene.block(0.25, 0.25, 0.5).rock

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from patches import level
 
-from toppling.models.hidden_base.gap import BaseObservation, Relief, draw_gaps
+from toppling.models.hidden_base.gap import BaseObservation, Relief, Underside, draw_gaps
 from toppling.models.hidden_base.near_interface import (
     DRAWN,
     SIDE_TANGENT,
@@ -12,7 +12,6 @@ from toppling.models.hidden_base.near_interface import (
     SidesSeen,
     UnseenSide,
 )
-from toppling.models.hidden_base.underside import Underside
 from toppling.models.scan.close import side_gone_on
 
 HEIGHT_M, PITCH_M = 2.0, 0.012

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from toppling.models.scan.view import around, picked, thinned
+from toppling.models.scan.surfels import around, picked, thinned
 
 
 @pytest.fixture(scope="module")

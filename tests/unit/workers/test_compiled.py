@@ -15,7 +15,7 @@ from numba.core.runtime import _nrt_python, rtsys
 from toppling import Motion, Scene, shake
 from toppling.models.compiled import _COMPILED_ROOMS, FOLDER, _private_folder, _QuickFlags, _VerifiedFile
 from toppling.models.pedestal import ContactProperties
-from toppling.workers.shake import compile_once
+from toppling.workers.shaking import compile_once
 
 SHAKE = """
 import numpy as np
@@ -207,7 +207,7 @@ def test_shakes_leave_no_array_of_compiled_code_behind():
 def test_what_is_compiled_once_serves_every_shake_with_one_signature():
     program = (
         "from toppling.models.ground.creeping import settle\n"
-        "from toppling.workers.shake import _use_everything\n"
+        "from toppling.workers.shaking import _use_everything\n"
         "from toppling.workers.stepping import take_steps\n"
         "_use_everything()\n"
         "print(len(settle.signatures), len(take_steps.signatures))\n"

@@ -6,9 +6,8 @@ from scipy.optimize import linprog
 
 from toppling.models.compiled import compiled
 from toppling.models.ground.cones import solve_cones
-from toppling.models.ground.contacts import CONTACT
+from toppling.models.ground.contacts import CONTACT, Touching, solver_room
 from toppling.models.ground.equilibrium import are_held, farthest_load, wrenches
-from toppling.models.ground.touching import Touching, solver_room
 
 ENOUGH_M_S = 1e-9
 

@@ -12,7 +12,7 @@ from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.workers import engines
 from toppling.workers.options import PRESETS
-from toppling.workers.shake import shake
+from toppling.workers.shaking import shake
 
 ROOT = Path(__file__).parents[3]
 PUSH = Motion(np.vstack([np.full((20, 3), (6.0, 0.0, 0.0)), np.zeros((2, 3))]), 0.02)

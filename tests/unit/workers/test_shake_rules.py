@@ -20,8 +20,7 @@ from toppling.workers.barrier import least_overturning_j_kg
 from toppling.workers.engines import DEFAULT, ENGINES, engine_named
 from toppling.workers.options import PRESETS
 from toppling.workers.problem import Problem
-from toppling.workers.shake import shake
-from toppling.workers.shaking import Shaking
+from toppling.workers.shaking import Shaking, shake
 from toppling.workers.start import State
 
 G = 9.81

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from toppling.models.compiled import compiled
-from toppling.models.ground.contacts import CONTACT
+from toppling.models.ground.contacts import CONTACT, Touching, solver_room
 from toppling.models.ground.sticking_contacts import stick_at_once
-from toppling.models.ground.touching import Touching, solver_room
 
 ENOUGH_M_S = 1e-9
 INERTIA_M2 = np.array([[0.15, 0.02, 0.01], [0.02, 0.12, -0.01], [0.01, -0.01, 0.05]])

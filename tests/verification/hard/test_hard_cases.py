@@ -17,8 +17,7 @@ from toppling.models.shapes import box, cylinder
 from toppling.workers.engines import DEFAULT, engine_named
 from toppling.workers.options import PRESETS
 from toppling.workers.problem import Problem
-from toppling.workers.shake import shake
-from toppling.workers.shaking import Shaking
+from toppling.workers.shaking import Shaking, shake
 from toppling.workers.start import State
 
 G = case.G

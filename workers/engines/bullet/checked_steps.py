@@ -21,8 +21,8 @@ from toppling.models.compiled import Array, Flags, Indices, compiled
 from toppling.models.ground.body import GroundedBody
 from toppling.models.ground.plane import is_over_plane
 from toppling.models.ground.points import ContactModel
+from toppling.models.ground.rigid import rotation_of
 from toppling.models.ground.stepping import Grounded
-from toppling.models.ground.vectors import rotation_of
 from toppling.models.kept import kept
 from toppling.models.terminal import standard_error_to
 from toppling.workers.engines.protocol import StepCheckError, Steps

@@ -1,32 +1,184 @@
-"""MuJoCo as the engine: the same rock, contact points and motion in MuJoCo, stepped in C over blocks of steps.
-
-MuJoCo's contacts are springs and dampers as stiff as its time step allows, so that its error is of the first order in
-the step. It has no coefficient of restitution, and one coefficient of friction. A rock is seated by our statics, ends
-by our rules, and is described by our outcome.
-"""
+"""MuJoCo as the engine: the same rock, points or pieces, and motion, stepped in C over blocks of steps."""
 
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from toppling.models.compiled import Array
+from toppling.models.errors import InputError
 from toppling.models.ground.plane import FLAT_SHARE
 from toppling.models.ground.points import contact_of
 from toppling.models.ground.stepping import Grounded
 from toppling.models.kept import kept
+from toppling.models.motions.motion import Motion
 from toppling.models.relief import contact_feet_m
 from toppling.models.scene import Scene
 from toppling.workers import quaternion as quat
-from toppling.workers.engines.mujoco.free_body import Stepper, forces_in, forces_m_s2, hull, touch, world
-from toppling.workers.engines.mujoco.surface import surface_world
+from toppling.workers.engines.mujoco.pieces import ground_pieces, hollow_m, rock_pieces
 from toppling.workers.engines.protocol import Steps
-from toppling.workers.observation import travel_m
 from toppling.workers.problem import Problem
 from toppling.workers.stepping import Watch, take_steps
+from toppling.workers.termination import travel_m
+
+_STIFFNESS_STEPS, _DAMPING_RATIO, _IMPEDANCE = 2.0, 1.5, 0.9999
+"""Time constant of a contact in steps, the stiffest that MuJoCo allows; its damping, with which nothing rebounds."""
+
+
+class Stepper:
+    """What steps one body of a model."""
+
+    def __init__(self, model: Any, data: Any) -> None:
+        self._model, self._data = model, data
+        self._warm = np.zeros((1, 6))
+
+    def states(self, pose: Array, velocity: Array, force_m_s2: Array) -> tuple[Array, Array]:
+        """Poses (n, 7) and velocities (n, 6) after each of n steps, under forces (n, 3) on a unit mass."""
+        steps = len(force_m_s2)
+        applied = np.zeros((1, steps, 12))  # of the world's body and the rock's
+        applied[0, :, 6:9] = force_m_s2
+        spin = quat.matrix(pose[3:]).T @ velocity[3:]
+        state = np.array([[0.0, *pose[:3], pose[6], *pose[3:6], *velocity[:3], *spin]])
+        out = np.empty((1, steps, state.shape[1]))
+        rollout, force_bit = _rollout()
+        rollout.rollout(
+            self._model, self._data, state, applied, control_spec=force_bit, nstep=steps,
+            initial_warmstart=self._warm, state=out,
+        )  # fmt: skip
+        self._warm[0] = self._data.qacc_warmstart
+        # MuJoCo's states: time, place, attitude as w, x, y, z, velocity, spin in body axes.
+        poses = np.hstack([out[0, :, 1:4], out[0, :, 5:8], out[0, :, 4:5]])
+        return poses, np.hstack([out[0, :, 8:11], _turned(poses[:, 3:], out[0, :, 11:14])])
+
+    def restart(self) -> None:
+        """Forget the latest contact forces: what comes depends on the pose alone."""
+        self._warm[:] = 0.0
+
+
+def world(step_s: float, pose: Array, inertia_m2: Array) -> tuple[Any, Any]:
+    """A model without ground, to be completed, and its body of unit mass."""
+    import mujoco
+
+    spec = mujoco.MjSpec()
+    spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
+    option = spec.option
+    option.timestep, option.gravity = step_s, np.zeros(3)
+    option.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    option.cone, option.solver = mujoco.mjtCone.mjCONE_ELLIPTIC, mujoco.mjtSolver.mjSOL_NEWTON
+    option.tolerance, option.iterations = 1e-10, 100
+    option.disableflags = mujoco.mjtDisableBit.mjDSBL_ISLAND
+    body = spec.worldbody.add_body(name="rock", pos=pose[:3])
+    body.add_freejoint()
+    body.mass, body.ipos, body.explicitinertial = 1.0, np.zeros(3), True
+    body.inertia = inertia_m2
+    return spec, body
+
+
+def touch(geom: Any, step_s: float, friction: float) -> None:
+    """Give a geometry the contact of this program."""
+    geom.condim, geom.friction = 3, [friction, 0.0, 0.0]
+    geom.solref = [_STIFFNESS_STEPS * step_s, _DAMPING_RATIO]
+    geom.solimp = [_IMPEDANCE, _IMPEDANCE, 1e-3, 0.5, 2.0]
+
+
+def hull(spec: Any, name: str, points_m: Array) -> dict[str, Any]:
+    """The convex hull of points (n, 3) as a geometry."""
+    import mujoco
+
+    mesh = spec.add_mesh(
+        name=name, uservert=points_m.ravel(), inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
+    )
+    return {"type": mujoco.mjtGeom.mjGEOM_MESH, "meshname": mesh.name}
+
+
+def _forces_m_s2(motion: Motion, step_s: float, gravity_m_s2: Array, scene_from_support: Array) -> Array:
+    """Force (n, 3) on a unit mass in each step of a motion, support axes: a leapfrog needs it from middle to middle."""
+    middles_s = np.maximum(np.arange(math.ceil(motion.duration_s / step_s) + 2) - 0.5, 0.0) * step_s
+    velocity = motion.velocity_at(middles_s) @ scene_from_support
+    lasting_s = np.diff(middles_s)[:, None]
+    return np.asarray((gravity_m_s2 * lasting_s - np.diff(velocity, axis=0)) / step_s)
+
+
+def _forces_in(forces: Array, gravity_m_s2: Array, first: int, steps: int) -> Array:
+    """The forces of some steps; after the last one gravity is left."""
+    out = np.tile(gravity_m_s2, (steps, 1))
+    moved = forces[first : first + steps]
+    out[: len(moved)] = moved
+    return out
+
+
+def _turned(quaternion_xyzw: Array, carried: Array) -> Array:
+    """Vectors (n, 3), each turned by an attitude (n, 4)."""
+    vector, scalar = quaternion_xyzw[:, :3], quaternion_xyzw[:, 3:]
+    across = np.cross(vector, carried)
+    return np.asarray(carried + 2.0 * (scalar * across + np.cross(vector, across)))
+
+
+@lru_cache(maxsize=1)
+def _rollout() -> tuple[Any, int]:
+    """What steps in C, and the bit that says it is given forces. MuJoCo has no types."""
+    from mujoco import mjtState, rollout
+
+    return rollout.Rollout(nthread=0), int(mjtState.mjSTATE_XFRC_APPLIED.value)
+
+
+_MOST_PIECES = {"rock": 100, "ground": 3000}
+"""Of what is to be collided: more take minutes to prepare, and seconds a step."""
+
+
+@kept
+def _surface_world(scene: Scene, step_s: float) -> tuple[Any, Any]:
+    """A scene on its surface as MuJoCo's model and data: support frame, body axes.
+
+    Raises
+    ------
+    InputError
+        If the rock or its ground is not of convex pieces, or of too many.
+    """
+    import mujoco
+
+    grounded = scene.grounded
+    spec, body = world(step_s, grounded.pose[:3], grounded.inertia_m2)
+    flat_m = FLAT_SHARE * scene.rock.height_m
+    hollow = hollow_m(grounded.rock, 0.01 * flat_m)
+    if hollow <= flat_m:
+        rock = [grounded.rock.vertices_m]
+    else:
+        wedges = rock_pieces(grounded.rock)
+        if wedges is None or len(wedges) > _MOST_PIECES["rock"]:
+            raise _too_hollow(hollow / scene.rock.height_m, wedges)
+        rock = wedges
+    ground = ground_pieces(grounded.ground, 2.0 * grounded.size_m)
+    if len(ground) > _MOST_PIECES["ground"]:
+        raise InputError(
+            "engine.too_many_pieces",
+            f"the pedestal's surface is of {len(ground)} convex pieces",
+            where="engine mujoco",
+            expected=f"at most {_MOST_PIECES['ground']} near the rock",
+            remedy="leave the engine out, or give a surface of fewer triangles",
+        )
+    for where, pieces in ((body, rock), (spec.worldbody, ground)):
+        for number, points in enumerate(pieces):
+            name = f"{'rock' if where is body else 'ground'} {number}"
+            touch(where.add_geom(**hull(spec, name, points)), step_s, scene.contact.friction_static)
+    model = spec.compile()
+    return model, mujoco.MjData(model)
+
+
+def _too_hollow(share: float, wedges: list[Any] | None) -> InputError:
+    what = "no point sees all of it" if wedges is None else f"it is of {len(wedges)} convex pieces"
+    return InputError(
+        "engine.rock_hollow",
+        f"the rock is hollow by {share:.2g} of its height, and {what}",
+        where="engine mujoco",
+        expected=f"a convex rock, or one of at most {_MOST_PIECES['rock']} convex pieces that meet in a point",
+        remedy="leave the engine out: the default knows any closed mesh",
+    )
+
 
 _MARGIN_SHARE = 1e-6
 """Of R: points so near are in contact, or rounding decides which corners of a block at rest are, and it slips askew."""
@@ -41,16 +193,16 @@ class MujocoSteps:
     def __init__(self, problem: Problem) -> None:
         self._problem, scene, step_s = problem, problem.scene, problem.time_step_s
         self._on_plane, contact = scene.ground.is_plane, problem.contact
-        self._stepper = Stepper(*(_world if self._on_plane else surface_world)(scene, step_s))
+        self._stepper = Stepper(*(_world if self._on_plane else _surface_world)(scene, step_s))
         self._seat = problem.initial[0].copy() if problem.start is None and self._on_plane else None
         self._gravity_m_s2 = np.array([0.0, 0.0, -scene.gravity_m_s2]) @ contact.scene_from_support
-        self._forces = forces_m_s2(problem.motion, step_s, self._gravity_m_s2, contact.scene_from_support)
+        self._forces = _forces_m_s2(problem.motion, step_s, self._gravity_m_s2, contact.scene_from_support)
 
     def __call__(self, sim: Grounded, block: int, watch: Watch) -> int:
         """Go on by this many steps; the pose in which they began."""
         first, grid = int(sim.counts[1]), int(sim.counts[2])
         new, scene = slice(first + 1, first + block + 1), self._problem.scene
-        force_m_s2 = forces_in(self._forces, self._gravity_m_s2, grid, block)
+        force_m_s2 = _forces_in(self._forces, self._gravity_m_s2, grid, block)
         sim.pose[new], sim.velocity[new] = self._stepper.states(
             sim.pose[first], sim.velocity[first], force_m_s2
         )

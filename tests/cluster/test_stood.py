@@ -24,7 +24,7 @@ from toppling.results.weights import WEIGHTS_FILE, Weights
 CAMPAIGN = """\
 scene = "scene"
 ensemble = "ensemble"
-pga_m_s2 = [0.8, 1.2, 1.6, 2, 2.5, 3, 4]
+pga_m_s2 = [0.8, 1.2, 1.6, 2, 2.5, 3, 4, 6, 8]
 azimuth_deg = [0]
 friction = [0.9]
 realisations = 3

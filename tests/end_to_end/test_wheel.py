@@ -12,7 +12,7 @@ pytestmark = pytest.mark.thorough
 def test_the_demo_runs_from_a_wheel(unpacked, tmp_path):
     program = "from toppling.orchestrator.cli import main; main()"
     command = [sys.executable, "-c", program, "demo", "--out", "demo", "--seconds", "1"]
-    environment = os.environ | {"PYTHONPATH": str(unpacked)}
+    environment = os.environ | {"PYTHONPATH": str(unpacked), "PYTHONDONTWRITEBYTECODE": "1"}
     told = subprocess.run(
         command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=500, check=False
     )

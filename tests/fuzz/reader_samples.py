@@ -356,7 +356,7 @@ READERS: dict[str, Reader] = {
     "hints": _of_file(
         "hints.toml",
         'near = [1.5, 2.0]\npoint = ["1.0,2.0,3.5"]\nunits = "m"\n',
-        lambda path: plain("near", read_hints(path)["near"]),
+        lambda path: plain("near", read_hints(path).get("near", ())),
     ),
     "fault traces": _of_file(
         "faults.geojson", FAULTS, lambda path: [one.distance_km for one in read_faults(path, (-118.0, 34.0))]

@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pytest
 from matplotlib.path import Path as Polygon
+from virtual_rocks import drawing_few
 
 from toppling.models.frames import slope_of_normal
 from toppling.models.pedestal import Pedestal
@@ -90,7 +91,8 @@ def test_a_saved_scene_is_read_back_with_its_labels_and_survey_origin(stump, sur
 @pytest.mark.slow
 def test_the_same_cloud_gives_the_same_scene(stump, surveyed):
     cloud, found = stump[1], surveyed
-    assert survey(cloud).scene.id == found.scene.id
+    with drawing_few():  # as many as of the survey that it is compared with
+        assert survey(cloud).scene.id == found.scene.id
 
 
 @pytest.fixture(scope="module")
@@ -161,7 +163,7 @@ def one_sided():
 def test_the_spread_of_a_rock_seen_from_one_side_covers_its_error(one_sided):
     truth, found = one_sided
     rock, true, spread = found.rock, truth.rock, found.report["uncertainty"]
-    assert found.report["surface"]["invented_share"] > 0.3
+    assert found.report["surface"]["invented_share"] > 0.25
     # The error is a sixth of the volume: two standard deviations must hold it.
     off = abs(rock.volume_m3 - true.volume_m3)
     assert 0.15 * true.volume_m3 < off < 2.0 * spread["volume_std_m3"]

@@ -90,9 +90,8 @@ def test_a_saved_scene_is_read_back_with_its_labels_and_survey_origin(stump, sur
 
 @pytest.mark.slow
 def test_the_same_cloud_gives_the_same_scene(stump, surveyed):
-    cloud, found = stump[1], surveyed
-    with drawing_few():  # as many as of the survey that it is compared with
-        assert survey(cloud).scene.id == found.scene.id
+    with drawing_few():
+        assert survey(stump[1]).scene.id == surveyed.scene.id
 
 
 @pytest.fixture(scope="module")
@@ -165,8 +164,7 @@ def test_the_spread_of_a_rock_seen_from_one_side_covers_its_error(one_sided):
     rock, true, spread = found.rock, truth.rock, found.report["uncertainty"]
     assert found.report["surface"]["invented_share"] > 0.25
     # The error is a sixth of the volume: two standard deviations must hold it.
-    off = abs(rock.volume_m3 - true.volume_m3)
-    assert 0.15 * true.volume_m3 < off < 2.0 * spread["volume_std_m3"]
+    assert 0.15 * true.volume_m3 < abs(rock.volume_m3 - true.volume_m3) < 2.0 * spread["volume_std_m3"]
     assert (np.abs(rock.com_m - true.com_m) < 2.0 * np.array(spread["com_std_m"])).all()
     inertia = np.abs(rock.inertia_per_mass_m2 - true.inertia_per_mass_m2)
     assert (inertia < 2.0 * np.array(spread["inertia_per_mass_std_m2"])).all()

@@ -162,7 +162,7 @@ def one_sided():
 def test_the_spread_of_a_rock_seen_from_one_side_covers_its_error(one_sided):
     truth, found = one_sided
     rock, true, spread = found.rock, truth.rock, found.report["uncertainty"]
-    assert found.report["surface"]["invented_share"] > 0.25
+    assert found.report["surface"]["invented_share"] > 0.3
     # The error is a sixth of the volume: two standard deviations must hold it.
     assert 0.15 * true.volume_m3 < abs(rock.volume_m3 - true.volume_m3) < 2.0 * spread["volume_std_m3"]
     assert (np.abs(rock.com_m - true.com_m) < 2.0 * np.array(spread["com_std_m"])).all()

@@ -11,7 +11,7 @@ from typing import Any
 
 from toppling.models.errors import InputError, did_you_mean
 from toppling.models.files.documents import is_number, shown
-from toppling.models.files.folder import local, named_beside
+from toppling.models.files.folder import local, path_named_in
 
 _MOST_ON_AN_AXIS = 50_000
 """Maximum number of levels, azimuths, coefficients or records; azimuths in steps of 0.01 degrees are 36,000."""
@@ -132,7 +132,7 @@ def path(given: Any, place: Place) -> Path:
     """Read a path, relative to the file."""
     if not isinstance(given, str) or not given:
         raise place.unusable(given, remedy="give the path as a string")
-    return named_beside(place.folder, str(local(given)))
+    return path_named_in(place.folder, str(local(given)))
 
 
 def texts(given: Any, place: Place) -> tuple[str, ...]:

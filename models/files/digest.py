@@ -89,7 +89,7 @@ def check(path: _PathLike, *, required: bool = False) -> bool:
             sealed = place is not None
             if (
                 place is not None
-                and (stated_digest := _told(file, place)) != _digest(file, place)
+                and (stated_digest := _bytes_at(file, place)) != _digest(file, place)
                 and stated_digest != _digest_of_lines(file, Path(path))
             ):
                 raise damaged(path, "its bytes do not have its digest")
@@ -120,7 +120,7 @@ def stated(path: _PathLike) -> str | None:
     """
     with open_given(path, _no_file) as file:
         place = _place(file, os.fstat(file.fileno()).st_size)
-        return None if place is None else _told(file, place).decode("ascii", "replace")
+        return None if place is None else _bytes_at(file, place).decode("ascii", "replace")
 
 
 class DamagedError(InputError):
@@ -190,7 +190,7 @@ def _place(file: IO[bytes], size: int) -> int | None:
     return None
 
 
-def _told(file: IO[bytes], place: int) -> bytes:
+def _bytes_at(file: IO[bytes], place: int) -> bytes:
     file.seek(place)
     return file.read(64)
 

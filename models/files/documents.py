@@ -167,7 +167,7 @@ class Kind:
     holds: Callable[[Any], bool]
 
     def or_null(self) -> "Kind":
-        """The same, or null, which stands for what is not finite or not known."""
+        """Allow null besides this kind of value, for a value that is not finite or not known."""
         return Kind(f"{self.name} or null", lambda value: value is None or self.holds(value))
 
 

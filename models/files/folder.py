@@ -50,7 +50,7 @@ def local(path: str | os.PathLike[str]) -> Path:
     return Path(path)
 
 
-def named_beside(folder: Path, text: str) -> Path:
+def path_named_in(folder: Path, text: str) -> Path:
     """Path that a file in a folder names; one of Windows, parted by backslashes, is read where only so it is there."""
     path = Path.home() / text[2:] if text.startswith("~/") else folder / text
     return _spelled(folder / text.replace("\\", "/") if "\\" in text and not path.exists() else path)

@@ -65,11 +65,11 @@ class _Element:
     @property
     def has_lists(self) -> bool:
         """Whether rows may differ in length."""
-        return any(each.count_kind for each in self.properties)
+        return any(column.count_kind for column in self.properties)
 
     def row(self, order: str) -> np.dtype:
         """Layout of a row without lists in a binary file."""
-        return np.dtype([(each.name, order + each.kind) for each in self.properties])
+        return np.dtype([(column.name, order + column.kind) for column in self.properties])
 
 
 @dataclass(frozen=True)
@@ -100,17 +100,17 @@ def read_header(path: Path) -> _Header:
         raise _damaged_ply("ply.header_unreadable", "has no PLY header that ends in 'end_header'", path)
     lines = head[: end.start()].decode("latin-1").replace("\r\n", "\n").replace("\r", "\n").split("\n")
     order, elements = _parsed(lines, path)
-    names = [each.name for each in elements]
+    names = [element.name for element in elements]
     if len(set(names)) < len(names):
         what = f"the header declares {', '.join(names)}: one of them twice"
         raise _damaged_ply("ply.name_repeated", what, path)
     least = sum(
-        each.count * sum(2 if not order else part.least_bytes for part in each.properties)
-        for each in elements
+        element.count * sum(2 if not order else part.least_bytes for part in element.properties)
+        for element in elements
     )
     # Of the last number in ASCII the line end may lack.
     if least > size - end.end() + (not order):
-        counts = ", ".join(f"{each.count} {each.name}" for each in elements)
+        counts = ", ".join(f"{element.count} {element.name}" for element in elements)
         what = f"the header counts {counts}: at least {least} bytes, where {size - end.end()} follow it"
         raise _damaged_ply("file.truncated", what, path)
     words = (line.strip().partition(" ") for line in lines)
@@ -132,10 +132,10 @@ def _read_mesh(path: Path) -> tuple[Array, NDArray[np.int64]] | None:
     Raises InputError if the file is not whole.
     """
     header = read_header(path)
-    names = [each.name for each in header.elements]
+    names = [element.name for element in header.elements]
     if names != ["vertex", "face"] or header.elements[0].has_lists:
         return None
-    indices = [each for each in header.elements[1].properties if each.count_kind]
+    indices = [column for column in header.elements[1].properties if column.count_kind]
     if len(indices) != 1 or indices[0].name not in _INDICES or not header.order:
         return None
     vertex, face = header.elements
@@ -143,10 +143,10 @@ def _read_mesh(path: Path) -> tuple[Array, NDArray[np.int64]] | None:
     if not {"x", "y", "z"} <= points.keys():
         return None
     parts: list[tuple] = []
-    for each in face.properties:
-        if each.count_kind:
-            parts.append(("corners of a face", header.order + each.count_kind))
-        parts.append((each.name, header.order + each.kind, (3 if each.count_kind else 1,)))
+    for column in face.properties:
+        if column.count_kind:
+            parts.append(("corners of a face", header.order + column.count_kind))
+        parts.append((column.name, header.order + column.kind, (3 if column.count_kind else 1,)))
     row = np.dtype(parts)
     at = header.data_at + vertex.count * vertex.row(header.order).itemsize
     if at + face.count * row.itemsize != path.stat().st_size:
@@ -164,21 +164,21 @@ def _read_mesh(path: Path) -> tuple[Array, NDArray[np.int64]] | None:
 
 
 def _vertex_rows(header: _Header) -> dict[str, NDArray]:
-    names = [each.name for each in header.elements]
+    names = [element.name for element in header.elements]
     if "vertex" not in names:
         return {}
     *before, element = header.elements[: names.index("vertex") + 1]
-    if element.has_lists or any(each.has_lists for each in before if header.order):
+    if element.has_lists or any(earlier.has_lists for earlier in before if header.order):
         what = "a list stands before or among the properties of 'vertex'"
         raise _damaged_ply("ply.list_before_vertex", what, header.path)
     if header.order:
-        at = header.data_at + sum(each.count * each.row(header.order).itemsize for each in before)
+        at = header.data_at + sum(earlier.count * earlier.row(header.order).itemsize for earlier in before)
         rows = np.fromfile(header.path, element.row(header.order), element.count, offset=at)
         if len(rows) < element.count:
             what = f"{len(rows)} of {element.count} rows of 'vertex' follow: it is truncated"
             raise _damaged_ply("file.truncated", what, header.path)
-        return {each.name: rows[each.name] for each in element.properties}
-    return _ascii_rows(header, element, sum(each.count for each in before))
+        return {column.name: rows[column.name] for column in element.properties}
+    return _ascii_rows(header, element, sum(earlier.count for earlier in before))
 
 
 def _ascii_rows(header: _Header, element: _Element, skipped: int) -> dict[str, NDArray]:
@@ -196,7 +196,7 @@ def _ascii_rows(header: _Header, element: _Element, skipped: int) -> dict[str, N
             f"{len(element.properties)}: it is damaged or truncated",
             header.path,
         )
-    return {each.name: table[:, column] for column, each in enumerate(element.properties)}
+    return {named.name: table[:, n] for n, named in enumerate(element.properties)}
 
 
 def _lines(binary: IO[bytes], header: _Header) -> Iterator[str]:
@@ -229,7 +229,7 @@ def _parsed(lines: list[str], path: Path) -> tuple[str, list[_Element]]:
     if order is None:
         raise _damaged_ply("ply.format_missing", "the header states no format", path)
     for name, _, properties in elements:
-        names = [each.name for each in properties]
+        names = [column.name for column in properties]
         if not names or len(set(names)) < len(names):
             what = f"the element '{name[:60]}' has no properties, or two of one name"
             raise _damaged_ply("ply.element_unusable", what, path)

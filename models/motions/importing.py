@@ -77,7 +77,7 @@ class Shaking:
         One name is often that of a foreshock too: where table and header both name the events, both must agree, and
         records that know when they begin begin together.
         """
-        at_one_place = bool(self.station) and (self.station, self.series) == (other.station, other.series)
+        at_same_place = bool(self.station) and (self.station, self.series) == (other.station, other.series)
         events = [(self.table_event, other.table_event), (self.event, other.event)]
         known = [pair for pair in events if all(pair)]
         together = (
@@ -85,7 +85,7 @@ class Shaking:
             or other.start_s is None
             or abs(self.start_s - other.start_s) <= SAME_SHAKING_S
         )
-        return at_one_place and together and bool(known) and all(a == b for a, b in known)
+        return at_same_place and together and bool(known) and all(a == b for a, b in known)
 
 
 @dataclass(frozen=True, eq=False)
@@ -415,12 +415,12 @@ def _duplicates(candidates: Sequence[Candidate]) -> Iterator[tuple[Candidate, Ca
         if i in out:
             continue
         for j in ordered[place + 1 :]:
-            if j not in out and _are_one(candidates[i], candidates[j]):
+            if j not in out and _are_same(candidates[i], candidates[j]):
                 out.add(j)
                 yield candidates[i], candidates[j]
 
 
-def _are_one(a: Candidate, b: Candidate) -> bool:
+def _are_same(a: Candidate, b: Candidate) -> bool:
     if a.shaking.is_that_of(b.shaking):
         return True
     for name in ("pga_m_s2", "pgv_m_s"):

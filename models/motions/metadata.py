@@ -11,7 +11,7 @@ import numpy as np
 
 from toppling.models.errors import InputError
 from toppling.models.files.documents import shown
-from toppling.models.files.folder import named_beside
+from toppling.models.files.folder import path_named_in
 from toppling.models.files.given import open_given, text_of
 from toppling.models.files.table import Table, is_numeral
 from toppling.models.motions.formats.component import (
@@ -104,7 +104,7 @@ class Entry:
     @property
     def files(self) -> tuple[Path, ...]:
         """Files of the record, each once."""
-        return tuple(dict.fromkeys(named_beside(self.table.parent, name) for name in self.names if name))
+        return tuple(dict.fromkeys(path_named_in(self.table.parent, name) for name in self.names if name))
 
     def refuse(self, code: str, what: str, expected: str, remedy: str) -> NoReturn:
         """Refuse the row."""
@@ -311,11 +311,13 @@ def channels_of_row(entry: Entry, here: Sequence[Path], channels: dict[Path, lis
                 "give the file or its folder too" if path is None else "see what is said of this file",
             )
         parts.append(channels[path])
-    together = triple(parts[0]) if len(parts) == 1 else Triple(*(_one(part, entry) for part in parts))
+    together = (
+        triple(parts[0]) if len(parts) == 1 else Triple(*(_single_channel(part, entry) for part in parts))
+    )
     return _completed(together, entry)
 
 
-def _one(components: list[Component], entry: Entry) -> Component:
+def _single_channel(components: list[Component], entry: Entry) -> Component:
     if len(components) != 1:
         entry.refuse("metadata.several_channels", f"{components[0].path} holds {len(components)} channels",
             "one channel a file where h1, h2 and v are different files",

@@ -148,5 +148,5 @@ def drifts(motion: Motion) -> bool:
     peak = size.max(axis=0)
     returns = size[start:].max(axis=0) <= _RETURNED_SHARE * peak
     level = np.ptp(ground[start:], axis=0) <= _LEVEL_SHARE * peak
-    carried = peak <= _CARRIED_S * np.abs(velocity_m_s(motion)).max(axis=0)
-    return not (returns | level & carried).all()
+    plausible = peak <= _CARRIED_S * np.abs(velocity_m_s(motion)).max(axis=0)
+    return not (returns | level & plausible).all()

@@ -261,12 +261,12 @@ def _draw_scale(axes: Axes, reach_m: float) -> None:
 def _interface_lines(scene: Scene) -> list[tuple[Array, str, str]]:
     """Contact outlines and cliff edges, (n, 3) each, with dashes and colour; likelier contacts are broken lines."""
     interface = scene.report.get("interface", {})
-    likelier = [each["outline_m"] for each in interface.get("outlines", [])]
-    outlines = [np.array(each) for each in [interface.get("outline_m", []), *likelier]]
+    likelier = [drawn["outline_m"] for drawn in interface.get("outlines", [])]
+    outlines = [np.array(outline) for outline in [interface.get("outline_m", []), *likelier]]
     lines = [
-        (np.vstack([each, each[:1]]), dashes, CONTACT_COLOUR)
-        for each, dashes in zip(outlines, ["-", "--", ":"], strict=False)
-        if len(each)
+        (np.vstack([outline, outline[:1]]), dashes, CONTACT_COLOUR)
+        for outline, dashes in zip(outlines, ["-", "--", ":"], strict=False)
+        if len(outline)
     ]
     return lines + [(np.array(edge), "-.", CLIFF_COLOUR) for edge in interface.get("edges_m", [])]
 

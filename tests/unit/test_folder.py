@@ -11,7 +11,7 @@ from refusals import flip, refused
 
 from toppling.models.files import digest, folder
 from toppling.models.files.digest import read_table, write_table
-from toppling.models.files.folder import FullDiskError, local, named_beside, new_file, new_folder
+from toppling.models.files.folder import FullDiskError, local, new_file, new_folder, path_named_in
 from toppling.models.files.stores import is_store
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.motion import Motion
@@ -65,9 +65,9 @@ def test_a_name_in_a_table_is_found_whether_or_not_its_accents_stand_apart(tmp_p
     apart, together = "Zu\u0308rich", "Z\u00fcrich"
     (tmp_path / apart).mkdir()
     (tmp_path / apart / "a\u0308.csv").write_text("")
-    assert named_beside(tmp_path, f"{together}/\u00e4.csv").exists()
-    assert named_beside(tmp_path, f"{together}/none.csv") == tmp_path / apart / "none.csv"
-    assert named_beside(tmp_path, "nowhere/\u00e4.csv") == tmp_path / "nowhere/\u00e4.csv"
+    assert path_named_in(tmp_path, f"{together}/\u00e4.csv").exists()
+    assert path_named_in(tmp_path, f"{together}/none.csv") == tmp_path / apart / "none.csv"
+    assert path_named_in(tmp_path, "nowhere/\u00e4.csv") == tmp_path / "nowhere/\u00e4.csv"
 
 
 def _text(target):

@@ -118,7 +118,10 @@ def constraint_page(statement: dict[str, Any], drawings: Sequence[Drawing]) -> s
     statement: with the choices that led to it.
     """
     document = Document(unfinished(statement))
-    shown = {one.section: [document.figure(one.draw, one.caption, one.width_in)] for one in drawings}
+    shown = {
+        drawing.section: [document.figure(drawing.draw, drawing.caption, drawing.width_in)]
+        for drawing in drawings
+    }
     answers = answer(statement) or all_words(statement).splitlines()[:2]
     others = [line for line in all_words(statement).splitlines() if line not in answers]
     first = [*answers, *shown.get("Hazard", ()), *_changes(statement, document)]
@@ -178,7 +181,7 @@ def _picked(rows: Sequence[Mapping[str, Any]], names: Mapping[str, str]) -> pd.D
     some = table.dropna(axis="columns", how="all")
     for name in set(names).intersection(some):
         words = _weight if "weight" in name or "survival" in name else digits
-        some[name] = [words(one) if isinstance(one, float) else one for one in some[name]]
+        some[name] = [words(value) if isinstance(value, float) else value for value in some[name]]
     return some.rename(columns=dict(names))
 
 

@@ -73,7 +73,7 @@ class Content:
     @property
     def chief(self) -> Contact:
         """The contact that the report begins with: that of the highest friction."""
-        return max(self.contacts, key=lambda one: tuple(one.jobs[FRICTION].iloc[0]))
+        return max(self.contacts, key=lambda contact: tuple(contact.jobs[FRICTION].iloc[0]))
 
     @property
     def on_one_base(self) -> bool:
@@ -104,7 +104,7 @@ class Content:
 
     @property
     def exposure(self) -> Exposure | None:
-        """Of the standing rock; None without its age."""
+        """Constraint on hazard by the standing rock; None where no age is given."""
         return None if self.years is None else exposure(joint_ages([self.years]))
 
     @cached_property
@@ -119,7 +119,7 @@ class Content:
 
     @cached_property
     def statement(self) -> dict[str, Any] | None:
-        """The same as a statement."""
+        """The constraint as a statement, as `toppling constrain --json` prints it."""
         return None if self.constraint is None else self.constraint.summary()
 
     @property

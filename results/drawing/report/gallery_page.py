@@ -92,7 +92,7 @@ def summary(rocks: Sequence[RockResults], shared: Shared, measure: str) -> list[
     if bare := [f"{rock.name} ({rock.why_not})" for rock in rocks if rock.curve is None]:
         found.append(f"Without a fragility: {'; '.join(bare)}.")
     left_out = {
-        one["rock"]: one["why"] for rock in rocks for one in rock.run.provenance().get("left_out") or ()
+        entry["rock"]: entry["why"] for rock in rocks for entry in rock.run.provenance().get("left_out") or ()
     }
     if left_out:
         found.append(f"Left out: {'; '.join(f'{name}: {why}' for name, why in left_out.items())}.")

@@ -35,13 +35,13 @@ from toppling.results.drawing.templates import Document, block
 
 def first_screen(content: Content, document: Document) -> dict[str, Any]:
     """Name of the rock, what topples it, the curve and the interval's parts, and what would change the answer."""
-    said = [_what_topples(content), _how_likely(content), _what_standing_says(content)]
+    lines = [_what_topples(content), _how_likely(content), _what_standing_says(content)]
     picture = png_bytes(thumbnail(content.scene, None)) if content.scene else b""
     remark = document.remark
     return {
         "rock": content.run.rock,
         "unfinished": remark and f"This run is unfinished: {remark}. All numbers rest on those that have.",
-        "answers": [*said, *sentences.answer(content.statement or {})],
+        "answers": [*lines, *sentences.answer(content.statement or {})],
         "view": picture and block("picture", png=picture, words=f"the rock {content.run.rock}"),
         "figure": document.figure(lambda width: _headline_figure(content, width), _caption(content)),
         "changes": list(_what_would_change(content)),
@@ -100,7 +100,7 @@ def _half_at(curve: Lognormal) -> str:
 
 
 def _no_curve(contact: Contact) -> str:
-    problems = [one.problem for one in contact.models if one.problem]
+    problems = [model.problem for model in contact.models if model.problem]
     return f"no curve can be fitted ({problems[0]})." if problems else "no curve can be fitted."
 
 

@@ -88,7 +88,7 @@ def _shaking(content: Content) -> str:
     frame = content.frame
     levels = frame["level_pga_m_s2"]
     restitution = ", ".join(f"{value:g}" for value in sorted(frame["restitution"].unique()))
-    friction = " and ".join(friction_words(*one) for one in frictions(frame))
+    friction = " and ".join(friction_words(*pair) for pair in frictions(frame))
     count = frame["realisation"].nunique()
     several = f", in {count} realisations" if count > 1 else ""
     return (
@@ -106,23 +106,25 @@ def _realisations(content: Content) -> str:
     if drawn.empty:
         return ""
     scene = content.scene
-    said = [_base_drawn(drawn, scene), _friction_drawn(drawn, unmeasured.get("friction"))]
+    quantities = [_base_drawn(drawn, scene), _friction_drawn(drawn, unmeasured.get("friction"))]
     if pair := unmeasured.get("restitution"):
-        said.append(f"restitution (uniform, {pair[0]:g} to {pair[1]:g})")
+        quantities.append(f"restitution (uniform, {pair[0]:g} to {pair[1]:g})")
     if yaw_deg := unmeasured.get("yaw_deg"):
-        said.append(f"a turn of the motion about the vertical (uniform, at most {yaw_deg:g}° either way)")
+        quantities.append(
+            f"a turn of the motion about the vertical (uniform, at most {yaw_deg:g}° either way)"
+        )
     if unmeasured.get("either_sense"):
-        said.append("the sense of the motion (reversed in one half)")
+        quantities.append("the sense of the motion (reversed in one half)")
     if pair := unmeasured.get("above_band"):
-        said.append(
+        quantities.append(
             f"motion in the octave above {unmeasured['band_hz']:g} Hz, {pair[0]:g} to {pair[1]:g} times that in the "
             "octave below"
         )
     count = drawn["realisation"].nunique()
     nominal = "One realisation was the nominal scene, and " if (frame["realisation"] == 0).any() else ""
-    each = "each of the" if nominal else "Each of the"
-    others = f"{each} {count} {'others' if nominal else 'realisations'}" if count > 1 else "the other"
-    return f" {nominal}{others} drew {', '.join(said[:-1])} and {said[-1]}."
+    subject = "each of the" if nominal else "Each of the"
+    others = f"{subject} {count} {'others' if nominal else 'realisations'}" if count > 1 else "the other"
+    return f" {nominal}{others} drew {', '.join(quantities[:-1])} and {quantities[-1]}."
 
 
 def _base_drawn(drawn: pd.DataFrame, scene: Scene | None) -> str:
@@ -134,7 +136,7 @@ def _base_drawn(drawn: pd.DataFrame, scene: Scene | None) -> str:
     std_m = None if scene is None else scene.com_std_m
     spread = (
         f"{100 * COM_SPREAD_SHARE:g} % of the rock's height in each direction" if std_m is None
-        else f"{', '.join(f'{1e3 * one:.2g}' for one in std_m)} mm toward east, north and up"
+        else f"{', '.join(f'{1e3 * std:.2g}' for std in std_m)} mm toward east, north and up"
     )  # fmt: skip
     return f"a centre of mass (normal, standard deviation {spread})"
 
@@ -281,7 +283,7 @@ def _as_recorded(catalogue: pd.DataFrame) -> pd.DataFrame:
 
 
 def _maps_section(content: Content, document: Document) -> list[Block]:
-    """Of the contact that the report begins with; 'toppling fragility' draws all."""
+    """Maps and polar plot of the contact that the report begins with; 'toppling fragility' draws all contacts."""
     jobs, words = content.chief.jobs, content.chief.words
     planes = planes_of(content.frame).values()
     single = [
@@ -316,7 +318,7 @@ def _friction_section(content: Content, document: Document) -> list[Block]:
 
 
 def _fits_section(content: Content, document: Document) -> list[Block]:
-    """Of the same contact."""
+    """Fits of the contact that the report begins with."""
     contact = content.chief
     few = few_records(contact.known["record_id"].nunique())
     if contact.toppled < FEW_TOPPLED:
@@ -368,13 +370,16 @@ def _measures_table(ranking: pd.DataFrame, fitted: pd.DataFrame) -> pd.DataFrame
 
 
 def _constraint_section(content: Content, document: Document) -> list[Block]:
-    """Of a rock whose age is given."""
-    constraint, said = content.constraint, content.statement
-    if constraint is None or said is None or constraint.exposure is None:
+    """Constraint on hazard by the rock, where its age is given."""
+    constraint, statement = content.constraint, content.statement
+    if constraint is None or statement is None or constraint.exposure is None:
         return []
-    stood = f"{constraint.rocks[0].name}{age_words(said['rocks'][0])}."
-    drawn = [document.figure(one.draw, one.caption, one.width_in) for one in inconsistent_drawing(constraint)]
-    return [stood, *drawn, *branches_table(said, document)]
+    stood = f"{constraint.rocks[0].name}{age_words(statement['rocks'][0])}."
+    drawn = [
+        document.figure(drawing.draw, drawing.caption, drawing.width_in)
+        for drawing in inconsistent_drawing(constraint)
+    ]
+    return [stood, *drawn, *branches_table(statement, document)]
 
 
 def _jobs_section(content: Content, document: Document) -> list[Block]:
@@ -383,7 +388,7 @@ def _jobs_section(content: Content, document: Document) -> list[Block]:
     presets, engines = (", ".join(sorted(frame[name].unique())) for name in ("preset", "engine"))
     steps = frame["time_step_s"].dropna()
     step = (
-        " to ".join(dict.fromkeys(f"{one:.3g}" for one in (steps.min(), steps.max())))
+        " to ".join(dict.fromkeys(f"{step:.3g}" for step in (steps.min(), steps.max())))
         if len(steps)
         else "not stated"
     )

@@ -42,11 +42,11 @@ def report_page(content: Content, advance: Callable[[str], object] = lambda _: N
 def provenance(run: Run) -> dict[str, Any]:
     """What belongs to a page but is not read: ids, versions, what was asked, and the meaning of every column."""
     known, campaign = run.provenance(), run.root / "campaign.toml"
-    kept = ("created_at", "jobs", "plan_id", "scene_id", "ensemble_id", "versions", "engine")
+    columns = ("created_at", "jobs", "plan_id", "scene_id", "ensemble_id", "versions", "engine")
     return {
         "run": run.name,
         "page_written_by": f"toppling {version('toppling')}",
-        **{name: known[name] for name in kept if name in known},
+        **{name: known[name] for name in columns if name in known},
         "campaign": campaign.read_text(encoding="utf-8") if campaign.exists() else None,
         "columns": run.describe(),
     }

@@ -29,13 +29,13 @@ from toppling.results.hazard.tree import HazardTree
 __all__ = ["Hints", "assembly", "event_sets", "read_hazard"]
 
 _MOST_FILES = 20_000
-"""Of a folder."""
+"""Maximum number of files in a folder."""
 
 _MOST_BYTES = 200_000_000
-"""Of a file."""
+"""Maximum size of a file."""
 
 _MOST_HEAD_LINES = 30
-"""Of a file of a folder, among which its header is looked for."""
+"""Number of first lines of a file in a folder that are searched for its header."""
 
 _DIALECTS: dict[str, tuple[ModuleType, ...]] = {
     "json": (nshmp,),
@@ -64,21 +64,22 @@ def read_hazard(
     given = [paths] if isinstance(paths, Path) else list(paths)
     stated = [_stated(path, hints) for path in given]
     alone = len(given) == 1
-    if alone or (weights is None and _of_one_tree(given, stated)):
+    if alone or (weights is None and _of_same_tree(given, stated)):
         where = str(given[0]) if alone else "--hazard"
-        return trees_of([one for found in stated for one in found], where)
+        return trees_of([statement for found in stated for statement in found], where)
     parts = [trees_of(found, str(path)) for path, found in zip(given, stated, strict=True)]
     return combined(parts, [str(path) for path in given], weights)
 
 
-def _of_one_tree(paths: Sequence[Path], stated: Sequence[list[Stated]]) -> bool:
+def _of_same_tree(paths: Sequence[Path], stated: Sequence[list[Stated]]) -> bool:
     """Whether paths are the files of one calculation's tree, as realisations' weights or fractiles among them show."""
     if any(path.is_dir() for path in paths):
         return False
-    found = [one for files in stated for one in files]
+    found = [statements for files in stated for statements in files]
     return any(
-        isinstance(one, Realisations) or any(each.kind in ("fractile", "part") for each in one)
-        for one in found
+        isinstance(statements, Realisations)
+        or any(curve.kind in ("fractile", "part") for curve in statements)
+        for statements in found
     )
 
 
@@ -87,25 +88,25 @@ def _stated(path: Path, hints: Hints) -> list[Stated]:
     if not path.is_dir():
         return [_read(path, hints)]
     found = []
-    files = sorted(one for one in path.rglob("*") if one.suffix in _SUFFIXES and one.is_file())
+    files = sorted(inner for inner in path.rglob("*") if inner.suffix in _SUFFIXES and inner.is_file())
     if len(files) > _MOST_FILES:
         refuse("hazard.too_many_files", path, f"holds {len(files):,} files",
             "give the folder of one calculation")  # fmt: skip
     others = []
-    for one in files:
-        if any(part.startswith(".") for part in one.relative_to(path).parts):
+    for inner in files:
+        if any(part.startswith(".") for part in inner.relative_to(path).parts):
             continue
-        if (file := _beginning(one)) is None:
+        if (file := _beginning(inner)) is None:
             continue
         if other := _other_output(file):
             others.append((file, other))
         elif any(dialect.matches(file) for dialect in _DIALECTS[file.kind]):
-            found.append(_read(one, hints))
+            found.append(_read(inner, hints))
     if not found:
         for file, other in others:
             file.refuse("hazard.other_output", *other)
-        for one in path.glob("*.hdf5"):
-            refuse("file.binary", one, "is HDF5, as OpenQuake's datastore is", nrml.EXPORT)
+        for datastore in path.glob("*.hdf5"):
+            refuse("file.binary", datastore, "is HDF5, as OpenQuake's datastore is", nrml.EXPORT)
         refuse("hazard.no_file", path, f"holds no file of hazard among {len(files)} of text",
             "give the folder with the curves")  # fmt: skip
     return found
@@ -146,7 +147,7 @@ def _read(path: Path, hints: Hints) -> Stated:
         refuse("file.empty", path, "is empty")
     dialects = _DIALECTS[file.kind]
     try:
-        dialect = next((one for one in dialects if one.matches(file)), dialects[-1])
+        dialect = next((known for known in dialects if known.matches(file)), dialects[-1])
         if other := _other_output(file):
             file.refuse("hazard.other_output", *other)
         return dialect.read(file)

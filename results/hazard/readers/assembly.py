@@ -64,7 +64,7 @@ class HazardFile:
 
     @cached_property
     def lines(self) -> list[str]:
-        """As they are."""
+        """Lines of the file, unchanged."""
         return self.text.splitlines()
 
     @cached_property
@@ -107,11 +107,11 @@ class HazardFile:
         """Measure that the file's name states, or else the user; refused if they differ."""
         words = re.split(r"[\s_-]+", self.path.stem)
         pairs = [f"{first} {second}" for first, second in pairwise(words)]  # of SA and its period
-        named, said = {found[0] for found in map(measure_of, words + pairs) if found}, self.hints.measure
-        if len(named) == 1 and said not in (None, *named):
-            self.refuse("hazard.measures_differ", f"is named after {min(named)}, and --measure is {said}",
+        named, hinted = {found[0] for found in map(measure_of, words + pairs) if found}, self.hints.measure
+        if len(named) == 1 and hinted not in (None, *named):
+            self.refuse("hazard.measures_differ", f"is named after {min(named)}, and --measure is {hinted}",
                 "give the file of that measure, or another name if it is one")  # fmt: skip
-        return min(named) if len(named) == 1 else said
+        return min(named) if len(named) == 1 else hinted
 
     def factor_stated(self, measure: str, usual: float, unit_name: str) -> float:
         """What the unit of levels is in SI by its name in the file, the usual one where it has none."""
@@ -126,14 +126,15 @@ class HazardFile:
 
         Refused if file and user say different times, or neither says any: what it lacks, and the remedy.
         """
-        said = self.hints.years
+        hinted = self.hints.years
         if stated is None:
-            return self.refuse("hazard.time_missing", lacks, remedy) if said is None else said
-        if said is None:
+            return self.refuse("hazard.time_missing", lacks, remedy) if hinted is None else hinted
+        if hinted is None:
             return stated
-        if not math.isclose(stated, said):
+        if not math.isclose(stated, hinted):
             mine, theirs = (
-                f"probabilities over {years:g} years" if years else "annual rates" for years in (stated, said)
+                f"probabilities over {years:g} years" if years else "annual rates"
+                for years in (stated, hinted)
             )
             self.refuse("hazard.values_contradicted", f"states {mine}, and --values says {theirs}",
                 "leave --values out")  # fmt: skip
@@ -211,24 +212,24 @@ def trees_of(stated: Sequence[Stated], where: str) -> list[HazardTree]:
     Raises InputError if realisations lack their weights or the weights their realisations, a curve is there twice,
     or fractiles or contributions stand alone.
     """
-    weights = [one for one in stated if isinstance(one, Realisations)]
+    weights = [statement for statement in stated if isinstance(statement, Realisations)]
     if len(weights) > 1:
         _refuse("hazard.several_calculations", where,
             f"holds the realisations of {len(weights)} calculations: {some_of([w.source for w in weights])}",
             "give the folder of one calculation")  # fmt: skip
     groups: dict[tuple, list[Statement]] = {}
     for files in stated:
-        for one in [] if isinstance(files, Realisations) else files:
-            curve = one.curve
+        for statement in [] if isinstance(files, Realisations) else files:
+            curve = statement.curve
             at = tuple(round(degree, 4) for degree in curve.site) if curve.site else curve.site_name
-            groups.setdefault((curve.measure, at), []).append(one)
+            groups.setdefault((curve.measure, at), []).append(statement)
     if not groups:
         _refuse("hazard.curves_missing", where, "states weights of realisations, but no curve",
             "give the hazard_curve-rlz files too")  # fmt: skip
     trees = [_tree(group, weights[0] if weights else None, where) for group in groups.values()]
     found = [tree for tree in trees if tree is not None]
     if not found:
-        _refuse_alone([one for group in groups.values() for one in group], where)
+        _refuse_alone([statement for group in groups.values() for statement in group], where)
     if not any(_bears_rates(tree) for tree in found):
         _refuse_empty(found[0])
     return found
@@ -238,17 +239,17 @@ def _tree(group: Sequence[Statement], weights: Realisations | None, where: str) 
     """Tree of the statements of one measure at one site; None where they are no branches."""
     measure = group[0].curve.measure
     by_kind: dict[str, list[Statement]] = {}
-    for one in group:
-        by_kind.setdefault(one.kind, []).append(one)
+    for statement in group:
+        by_kind.setdefault(statement.kind, []).append(statement)
     for kind, several in by_kind.items():
         _refuse_twice(kind, several, where)
-    fractiles = {float(one.key or 0): one.curve for one in by_kind.get("fractile", ())}
-    parts = tuple(one.curve for one in by_kind.get("part", ()))
+    fractiles = {float(statement.key or 0): statement.curve for statement in by_kind.get("fractile", ())}
+    parts = tuple(statement.curve for statement in by_kind.get("part", ()))
     realisations = by_kind.get("realisation", [])
-    own = {int(one.key or 0): one for one in realisations if one.weight is not None}
+    own = {int(statement.key or 0): statement for statement in realisations if statement.weight is not None}
     if own and weights is None:
-        stated = {n: float(one.weight or 0.0) for n, one in own.items()}
-        paths = {n: one.path for n, one in own.items()}
+        stated = {n: float(statement.weight or 0.0) for n, statement in own.items()}
+        paths = {n: statement.path for n, statement in own.items()}
         weights = Realisations(realisations[0].curve.source, stated, paths)
     if len(realisations) > 1 or (realisations and weights):
         branches = _branches(realisations, weights, where)
@@ -267,7 +268,7 @@ def _branches(
         _refuse("hazard.weights_missing", where,
             f"holds {len(realisations)} realisations, but no realizations.csv that states their weights",
             "add the engine's realizations.csv, or give each file as --hazard FILE=WEIGHT")  # fmt: skip
-    by_number = {int(one.key or 0): one.curve for one in realisations}
+    by_number = {int(statement.key or 0): statement.curve for statement in realisations}
     if absent := [n for n, weight in weights.weights.items() if weight > 0 and n not in by_number]:
         curve = realisations[0].curve
         at = f" at longitude {curve.site[0]:g}, latitude {curve.site[1]:g}" if curve.site else ""
@@ -290,15 +291,15 @@ def _branches(
 
 def _refuse_twice(kind: str, several: Sequence[Statement], where: str) -> None:
     """Refuse two curves that claim to be one: files of two calculations, or a site that is there twice."""
-    keys = [one.key for one in several]
+    keys = [statement.key for statement in several]
     if len(set(keys)) < len(keys):
         key = next(key for key in keys if keys.count(key) > 1)
-        alike = [one.curve.source for one in several if one.key == key]
+        alike = [statement.curve.source for statement in several if statement.key == key]
         which = kind if key is None else f"{kind} {key}"
         _refuse("hazard.curve_repeated", where,
             f"states the {which} of {several[0].curve.measure} at one site {len(alike)} times: "
             f"{some_of(alike)}", "give the files of one calculation, each once")  # fmt: skip
-    calculations = {one.calculation for one in several if one.calculation}
+    calculations = {statement.calculation for statement in several if statement.calculation}
     if kind == "realisation" and len(calculations) > 1:
         _refuse("hazard.several_calculations", where,
             f"holds realisations of {len(calculations)} calculations, by the checksum in their first line",
@@ -306,7 +307,7 @@ def _refuse_twice(kind: str, several: Sequence[Statement], where: str) -> None:
 
 
 def _refuse_alone(group: Sequence[Statement], where: str) -> NoReturn:
-    kinds = {one.kind for one in group}
+    kinds = {statement.kind for statement in group}
     if "fractile" in kinds:
         _refuse("hazard.fractiles_only", where,
             "states fractiles only: these are no branches, and cannot be weighted",
@@ -332,14 +333,16 @@ def combined(
         _refuse("hazard.several_measures", "--hazard",
             f"hazard curves over {', '.join(sorted({m for of in measures for m in of}))}",
             "give the curves of one intensity measure", "one measure")  # fmt: skip
-    shares = list(weights) if weights is not None else [1.0 / len(parts)] * len(parts)
+    part_weights = list(weights) if weights is not None else [1.0 / len(parts)] * len(parts)
     found = []
     for measure in common:
         of_measure = [[tree for tree in part if tree.measure == measure] for part in parts]
         for first in of_measure[0]:
             alike = [[tree for tree in part if _same_site(tree, first)] for part in of_measure]
             if all(len(matching) == 1 for matching in alike):
-                found.append(_joined([matching[0] for matching in alike], names, shares, weights is not None))
+                found.append(
+                    _joined([matching[0] for matching in alike], names, part_weights, weights is not None)
+                )
     if not found:
         places = [f"{name} at {_place_words(part[0])}" for name, part in zip(names, parts, strict=True)]
         _refuse("site.several", "--hazard", f"the curves are of different sites: {some_of(places)}",
@@ -347,14 +350,14 @@ def combined(
     return found
 
 
-def _same_site(one: HazardTree, other: HazardTree) -> bool:
-    if one.site is None and other.site is None and one.site_name and other.site_name:
-        return one.site_name == other.site_name
-    return same_place(one.site, other.site)
+def _same_site(first: HazardTree, second: HazardTree) -> bool:
+    if first.site is None and second.site is None and first.site_name and second.site_name:
+        return first.site_name == second.site_name
+    return same_place(first.site, second.site)
 
 
 def _joined(
-    trees: Sequence[HazardTree], names: Sequence[str], shares: Sequence[float], stated: bool
+    trees: Sequence[HazardTree], names: Sequence[str], part_weights: Sequence[float], stated: bool
 ) -> HazardTree:
     stems = [
         tree.branches[0].curve.name if len(tree.branches) == 1 else name
@@ -362,7 +365,7 @@ def _joined(
     ]
     heads = stems if len(set(stems)) == len(stems) else list(names)
     branches = []
-    for tree, head, share in zip(trees, heads, shares, strict=True):
+    for tree, head, share in zip(trees, heads, part_weights, strict=True):
         for branch, part in zip(tree.branches, tree.weights, strict=True):
             name = head if len(tree.branches) == 1 else f"{head} {branch.name}"
             branches.append(Branch(name, float(share * part), branch.curve, branch.path))
@@ -387,7 +390,9 @@ def chosen_tree(
         if placed:
             of_measure = [placed[nearest([tree.site for tree in placed if tree.site], site, where)]]
     if isinstance(site, str):
-        of_measure = [of_measure[n] for n in of_name([one.site_name for one in of_measure], site, where)]
+        of_measure = [
+            of_measure[n] for n in of_name([statement.site_name for statement in of_measure], site, where)
+        ]
     if len(of_measure) > 1:
         _refuse("site.several", where,
             f"has {len(of_measure)} sites: {some_of([_place_words(tree) for tree in of_measure])}",

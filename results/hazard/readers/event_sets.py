@@ -133,16 +133,16 @@ def _kind_of(table: Table) -> str:
     return ""
 
 
-def belongs(one: Table, to: Table) -> bool:
+def belongs(first: Table, second: Table) -> bool:
     """Whether a file is of the same calculation: by the checksum that both state, or their names' last number."""
-    stated = one.keys.get("checksum"), to.keys.get("checksum")
+    stated = first.keys.get("checksum"), second.keys.get("checksum")
     if all(stated):
         return stated[0] == stated[1]
-    numbers = [re.search(r"_(\d+)$", table.path.stem) for table in (one, to)]
+    numbers = [re.search(r"_(\d+)$", table.path.stem) for table in (first, second)]
     return not all(numbers) or numbers[0][1] == numbers[1][1]  # type: ignore[index]
 
 
-def _only_one(kind: str, tables: list[Table]) -> Table | None:
+def _sole(kind: str, tables: list[Table]) -> Table | None:
     """The table of a kind, of which there is to be at most one."""
     found = [table for table in tables if _kind_of(table) == kind]
     if len(found) > 1:
@@ -211,13 +211,17 @@ _SITE_BYTES = 8
 
 
 def _read_fields(
-    table: Table, beside: list[Table], ratio: float, event_rate: float | None, catalogue_years: float | None
+    table: Table,
+    companions: list[Table],
+    ratio: float,
+    event_rate: float | None,
+    catalogue_years: float | None,
 ) -> EventSet:
     rows = table.frame()
-    events, ruptures = _only_one("events", beside), _only_one("ruptures", beside)
+    events, ruptures = _sole("events", companions), _sole("ruptures", companions)
     rows = _with_branches(rows, table, events)
-    weights, paths = _realizations(_only_one("realizations", beside), rows, table)
-    sites = _sites(rows, _only_one("sitemesh", beside), table)
+    weights, paths = _realizations(_sole("realizations", companions), rows, table)
+    sites = _sites(rows, _sole("sitemesh", companions), table)
     factors = _measure_factors(table, "gmv_", measure_of, ratio)
     years, rate_of = _rates(table, events, ruptures, event_rate, catalogue_years)
     branches = []
@@ -367,17 +371,17 @@ def read_events(
     bearing = [table for table in tables if _kind_of(table) in _BEARING]
     chosen = [table for table in bearing if path.is_dir() or table.path.samefile(path)]
     if len(chosen) != 1:
-        what = f"holds {len(chosen)} event sets: {', '.join(one.path.name for one in chosen)}" if chosen else (
+        what = f"holds {len(chosen)} event sets: {', '.join(other.path.name for other in chosen)}" if chosen else (
             "holds no events with ground motions" if path.exists() else "does not exist"
         )  # fmt: skip
         raise event_error("events.none_or_several", what, path)
     (table,) = chosen
-    beside = [one for one in tables if belongs(one, table)]
+    companions = [other for other in tables if belongs(other, table)]
     readers: dict[str, Callable[..., EventSet]] = {
         "fields": _read_fields, "cybershake": _cybershake, "plain": _plain,
     }  # fmt: skip
     try:
-        return readers[_kind_of(table)](table, beside, ratio, event_rate, catalogue_years)
+        return readers[_kind_of(table)](table, companions, ratio, event_rate, catalogue_years)
     except InputError:
         raise
     except (ValueError, TypeError, LookupError, ArithmeticError) as error:
@@ -386,8 +390,8 @@ def read_events(
         ) from error
 
 
-def _cybershake(table: Table, beside: list[Table], ratio: float, *_: object) -> EventSet:
-    rows, counts = table.frame(), _only_one("variations", beside)
+def _cybershake(table: Table, companions: list[Table], ratio: float, *_: object) -> EventSet:
+    rows, counts = table.frame(), _sole("variations", companions)
     components, units = (sorted(rows[name].astype(str).unique()) for name in ("Component", "Units"))
     if len(components) > 1 or any(unit not in _CM_S2 for unit in units):
         raise event_error(
@@ -427,7 +431,7 @@ def _cybershake(table: Table, beside: list[Table], ratio: float, *_: object) -> 
         notes.append(
             f"{missing} variations of the ruptures are not in the file, and are taken to topple nothing"
         )
-    places = _only_one("places", beside)
+    places = _sole("places", companions)
     return _of_rows(wide.rename(columns={"Site_Name": SITE}), factors, table, tuple(notes), places)
 
 
@@ -436,7 +440,7 @@ _STRONG = 0.9
 _MOST_STRONG_G = 3.0
 
 
-def _plain(table: Table, beside: list[Table], ratio: float, *_: object) -> EventSet:  # noqa: ARG001
+def _plain(table: Table, companions: list[Table], ratio: float, *_: object) -> EventSet:  # noqa: ARG001
     rows = table.frame()
     factors = _measure_factors(table, "", measure_with_unit, ratio)
     bare: list[str] = []

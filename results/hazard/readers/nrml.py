@@ -31,10 +31,10 @@ def read(file: HazardFile) -> list[Statement]:
         file.refuse("hazard.no_curve", "is XML without hazard curves")
     root = xml_of(text, file.path, refused)
     processing = {
-        key: each.attrib[key] for each in root.iter("*") if _tag(each) in _CONFIG for key in each.attrib
+        key: node.attrib[key] for node in root.iter("*") if _tag(node) in _CONFIG for key in node.attrib
     }
-    curves = [each for each in root.iter("*") if _tag(each) in ("hazardCurves", "hazardCurveField")]
-    return [one for each in curves for one in _of_one_measure(file, each, processing)]
+    curves = [node for node in root.iter("*") if _tag(node) in ("hazardCurves", "hazardCurveField")]
+    return [statement for node in curves for statement in _statements_of(file, node, processing)]
 
 
 def _tag(element: ElementTree.Element) -> str:
@@ -43,7 +43,7 @@ def _tag(element: ElementTree.Element) -> str:
 
 
 def _first(file: HazardFile, element: ElementTree.Element, names: set[str]) -> ElementTree.Element:
-    found = next((each for each in element.iter("*") if _tag(each) in names), None)
+    found = next((node for node in element.iter("*") if _tag(node) in names), None)
     if found is None or not (found.text or "").strip():
         file.refuse("hazard.element_missing", f"has a {_tag(element)} without {' or '.join(sorted(names))}",
             "fetch the file again")  # fmt: skip
@@ -55,7 +55,7 @@ def _numbers(file: HazardFile, element: ElementTree.Element, names: set[str]) ->
     return [file.number(1, part) for part in re.split(r"[\s,]+", text.strip())]
 
 
-def _of_one_measure(
+def _statements_of(
     file: HazardFile, element: ElementTree.Element, processing: dict[str, str]
 ) -> list[Statement]:
     stated = {**processing, **element.attrib, **_first(file, element, _LEVELS).attrib}
@@ -70,8 +70,8 @@ def _of_one_measure(
         "states no investigationTime: the years that its probabilities are over",
         "give --values 50")  # fmt: skip
     levels = [level * unit for level in _numbers(file, element, _LEVELS)]
-    nodes = [each for each in element.iter("*") if _tag(each) == "HCNode"]
-    nodes = nodes or [each for each in element if _tag(each) == "hazardCurve"]
+    nodes = [node for node in element.iter("*") if _tag(node) == "HCNode"]
+    nodes = nodes or [node for node in element if _tag(node) == "hazardCurve"]
     if not nodes:
         file.refuse("hazard.no_curve", "has no curve", "fetch the file again")
     places = [(n, [repr(x) for x in _numbers(file, node, {"pos"})[:2]]) for n, node in enumerate(nodes)]

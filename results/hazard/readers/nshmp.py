@@ -187,10 +187,10 @@ def _answer(file: HazardFile, about: dict[str, Any], data: Any) -> list[Statemen
     years = file.years_of_values(0.0 if label else None, lacks, "give --values rate")
     place = float(about["longitude"]), float(about["latitude"])
     found = []
-    for one in data if isinstance(data, list) else [data]:
-        total = one.get("component", "Total") == "Total"
-        name = "total" if total else f"source {one['component']}"
-        values = one.get("values", one)
+    for entry in data if isinstance(data, list) else [data]:
+        total = entry.get("component", "Total") == "Total"
+        name = "total" if total else f"source {entry['component']}"
+        values = entry.get("values", entry)
         levels = [float(x) * unit for x in values.get("xs") or about["xvalues"]]
         rates = [float(y) for y in values.get("ys") or values["yvalues"]]
         curve = file.curve(measure, levels, rates, years, name, site=place)

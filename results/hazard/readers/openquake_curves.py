@@ -19,7 +19,7 @@ _NAMED = re.compile(
 
 
 def _names(file: HazardFile) -> list[str]:
-    """Of the columns: engine 2 adds types, poe-0.1:float32, and engines before 3.8 number branches by `ordinal`."""
+    """Names of columns without types: engine 2 writes poe-0.1:float32; before 3.8, branches have an `ordinal`."""
     bare = [name.partition(":")[0] for name in file.table.names]
     return ["rlz_id" if name == "ordinal" else name for name in bare]
 

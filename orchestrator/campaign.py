@@ -209,7 +209,7 @@ KEYS = (
     Key("records", texts, "a list of record ids",
         "some of the ensemble's records", None, "all", '["..."]'),
     Key("audit", number(lambda jobs: jobs == 0 or jobs >= LEAST_JOBS, int),
-        f"a whole number of jobs, at least {LEAST_JOBS}, or 0 for none", "jobs that are done again once all are done",
+        f"a whole number of jobs, at least {LEAST_JOBS}, or 0 for none", "jobs that are repeated once all are done",
         None, "as many as cost less than a tenth of the run", "100", "audit.md"),
     Key("stood", _files, "a list of files of records (components together), or folders of "
         "ensembles, relative to the file",

@@ -14,8 +14,6 @@ FEW_DISTINCT = 10
 _LIFTS_EARLY = 0.1
 """Share of the toppling acceleration by which lift-off comes before it, so that both are told."""
 LOOK, PULL = "look", "pull"
-_GAIN = 0.9
-"""Share of the present width: an observation that is expected to leave more narrows nothing."""
 _AS_IT_WAS = 0.05
 """Relative change of an interval's width that draws of other random numbers bring too."""
 
@@ -78,11 +76,10 @@ def _narrowing_told(found: Sequence[Mapping[str, Any]], now: float) -> str:
         name = (
             f"a pull toward {first}"
             if each["kind"] == PULL
-            else f"whether it touches between {last} and {first}"
+            else f"seeing whether it touches between {last} and {first}"
         )
-        gain = f"to about {100 * each['width']:.0f} %" if each["width"] < _GAIN * now else "no gain"
-        said.append(f"{name}: {gain}")
-    return f"what would narrow the interval, now {100 * now:.0f} % of its median wide: {'; '.join(said)}"
+        said.append(f"{100 * each['width']:.0f} % after {name}")
+    return f"expected width of the interval, now {100 * now:.0f} % of its median: {', '.join(said)}"
 
 
 def median_width(table: list[dict[str, Any]]) -> float:
@@ -105,9 +102,9 @@ def _lift_off_told(table: list[dict[str, Any]], opening: list[dict[str, Any]]) -
     if lifts["median_m_s2"] > (1.0 - _LIFTS_EARLY) * topples["median_m_s2"]:
         return []
     return [
-        f"contacts open from {_interval(lifts)} on where the ground accelerates toward azimuth "
-        f"{lifts['azimuth_deg']:.0f}° (compass {compass_deg(lifts['azimuth_deg']):.0f}°): it rocks there before it "
-        f"overturns, at {_interval(topples)}"
+        "where the ground accelerates toward azimuth "
+        f"{lifts['azimuth_deg']:.0f}° (compass {compass_deg(lifts['azimuth_deg']):.0f}°), contacts begin to open at "
+        f"{_interval(lifts)}: it rocks before it overturns, at {_interval(topples)}"
     ]
 
 

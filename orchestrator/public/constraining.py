@@ -25,7 +25,7 @@ from toppling.results.analysis.lognormal import SURFACES, Basis, Lognormal, fit
 from toppling.results.analysis.resampling import SAMPLES, sampled
 from toppling.results.drawing.report.constraint_page import write_constraint, write_events
 from toppling.results.drawing.sentences import all_words
-from toppling.results.drawing.style import printed_unit, short_name, within
+from toppling.results.drawing.style import short_name
 from toppling.results.hazard.ages import Since, age_given, exposure, joint_ages, parse_age, parse_since
 from toppling.results.hazard.events import (
     READINGS,
@@ -449,11 +449,7 @@ def _rock(rock: Standing, events: EventSet, away: float | None) -> dict[str, Any
     site = events.sites[rock.site]
     measures, basis = rock.fragility.measures, rock.fragility.basis
     if isinstance(rock.fragility, Lognormal):
-        numbers: dict[str, Any] = {
-            "median": rock.curve.median, "beta": rock.curve.beta,
-            "fragility": f"median {within(rock.curve.median, rock.curve.strongest_shaken)} {printed_unit(measures[0])} "
-            f"({short_name(measures[0])}), beta {rock.curve.beta:.2f}",
-        }  # fmt: skip
+        numbers: dict[str, Any] = rock.curve.numbers
     else:
         a, *slopes = rock.fragility.coefficients
         terms = [f"{slope:+.2f} ln {short_name(name)}" for slope, name in zip(slopes, measures, strict=True)]
@@ -642,7 +638,7 @@ def _by_events(
     def write(out: Path, stated: dict[str, Any]) -> int:
         return sum(1 for _ in write_events(update, stated, out, ratio))
 
-    return RockStatement(content, all_words(content), warnings, files, write)
+    return RockStatement(content, "\n".join(all_words(content)), warnings, files, write)
 
 
 def _by_curves(
@@ -680,7 +676,7 @@ def _by_curves(
     def write(out: Path, stated: dict[str, Any]) -> int:
         return sum(1 for _ in write_constraint(statement, stated, out, asked.ratio))
 
-    return RockStatement(content, all_words(content), warnings, files, write)
+    return RockStatement(content, "\n".join(all_words(content)), warnings, files, write)
 
 
 def _warnings(rocks: Sequence[Path], rested: Sequence[Basis | None]) -> list[str]:

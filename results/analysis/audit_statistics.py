@@ -104,22 +104,16 @@ class Audit:
     def sentence(self) -> str:
         """Summary for a reader."""
         up, down = self.flips_to_toppled, self.flips_to_standing
-        differ = f"{up + down} single answers differ ({up} topple that stand, {down} stand that topple"
         median, share = self.median_shift_percent, self.share_shift
         shift = median.text("{:+.1f}", unknown="an unknown number of")
-        agrees = "they agree within the intervals" if self.agrees else "they differ beyond the intervals"
+        agrees = "agree within" if self.agrees else "differ beyond"
+        what = "the finest steps" if self.by == REFERENCE else f"the contacts and steps of {self.by}"
         return (
-            f"{self.jobs} of {self.of_jobs} jobs done again with {self.by}: {agrees}. Against it the run has its "
-            f"median PGA shifted by {shift} %, its share toppled by {share.text('{:+.3f}')}; {differ}). {self.why}"
+            f"{self.jobs} of {self.of_jobs:,} jobs were repeated with {what}: the answers {agrees} the intervals "
+            f"(95 %). Relative to these the run's median PGA is shifted by {shift} %, its share toppled by "
+            f"{share.text('{:+.3f}')}. {up + down} single answers differ: {up} topple only in the run, {down} only "
+            "when repeated; near the threshold single answers depend on steps and contacts"
         )
-
-    @property
-    def why(self) -> str:
-        """Explanation of what differs between the two simulations."""
-        what = (
-            "steps are the finest" if self.by == REFERENCE else f"contacts and steps are those of {self.by}"
-        )
-        return f"There the {what}: near its threshold a rock's answer to one job turns on either, that of many does not"
 
 
 def audits_of(run: Run, measure: str = "pga_m_s2") -> dict[str, Audit]:

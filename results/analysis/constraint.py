@@ -133,7 +133,8 @@ def _single_event(rocks: Sequence[Standing], confidence: float) -> dict[str, Any
         "unexceeded_low": low,
         "unexceeded_high": high,
         "rocks": [
-            {"name": rock.name, "median": curve.median, "beta": curve.beta}
+            {"name": rock.name}
+            | curve.numbers
             | (asdict(curve.basis) if curve.basis else {})
             | (
                 {"samples": len(samples.fitted), "samples_without_fit": samples.without_fit}

@@ -84,6 +84,13 @@ class Lognormal:
         return self.strongest_shaken is not None and self.median > self.strongest_shaken
 
     @property
+    def numbers(self) -> dict[str, float]:
+        """Median, beta, and where known the median's interval and its parts, for a statement."""
+        ends = dict(zip(("median_low", "median_high"), self.median_interval or (), strict=False))
+        parts = {f"median_{name}": part for name, part in self.interval_parts.items()}
+        return {"median": self.median, "beta": self.beta} | ends | parts
+
+    @property
     def measures(self) -> tuple[str, ...]:
         """The single measure as a tuple, for use in place of a `Surface`."""
         return (self.measure,)
@@ -174,6 +181,10 @@ def lognormal_interval(resampled: Resampled, level: float = 0.95) -> dict[str, f
     of_all = resampled.coefficients if resampled.over_records is None else resampled.over_records
     beta = resampled.interval(1.0 / of_all[:, 1], level)
     return {"median_low": median[0], "median_high": median[1], "beta_low": beta[0], "beta_high": beta[1]}
+
+
+CAUSES = ("records", "base")
+"""Causes of a median's uncertainty."""
 
 
 def parts_words(parts: Mapping[str, float]) -> str:

@@ -31,7 +31,7 @@ from toppling.results.drawing.style import (
 
 _FIT_CAPTION = (
     "All intervals are of 95 %. Bars of shares: Wilson's, by record.",
-    "Band, and bars of the ranking: bootstrap of records.",
+    "Band, and bars of the ranking: bootstrap of records and bases.",
 )
 
 

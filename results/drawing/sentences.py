@@ -1,15 +1,15 @@
 """Sentences that summarise a fragility or a constraint at the beginning of pages and commands' output."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from toppling.models.files.documents import listed
-from toppling.results.analysis.lognormal import Lognormal, parts_words
-from toppling.results.drawing.style import LETTERS_PER_IN, printed_unit, short_name, within
+from toppling.results.analysis.lognormal import CAUSES, Lognormal, parts_words
+from toppling.results.drawing.style import LETTERS_PER_IN, digits, printed_unit, short_name, within
 from toppling.results.hazard.events import Standing
 from toppling.results.hazard.places import SITE_REACH_KM
-from toppling.results.hazard.update import RATES
+from toppling.results.hazard.update import LEAST_EVENTS, RATES
 from toppling.results.weights import sentences
 
 
@@ -25,27 +25,25 @@ def what_topples(curve: Lognormal, contact: str, single_base: bool) -> str:
         share = float(curve.probability(strongest))
         return (
             "The shaking that topples the rock in one case in two lies beyond what was run: the strongest had a "
-            f"{name} of {strongest:.3g} {unit}, where {percent(share)} topple ({rested})."
+            f"{name} of {strongest:.3g} {unit}, where {share_words(share)} topple ({rested})."
         )
     return (
-        f"Shaking with a {name} of {curve.median:.2g} {unit}{interval_words(curve)} topples the rock in one case in "
-        f"two, and with {curve.intensity(0.05):.2g} {unit} in one in twenty ({rested})."
+        f"Shaking with a {name} of {curve.median:.2g} {unit}{interval_words(curve.numbers, strongest)} topples the "
+        f"rock in one case in two, and with {curve.intensity(0.05):.2g} {unit} in one in twenty ({rested})."
     )
 
 
-def interval_words(curve: Lognormal) -> str:
-    """The median's 95 % interval with its parts, in brackets after a space; empty where unknown."""
-    if curve.median_interval is None:
+def interval_words(numbers: dict[str, Any], strongest: float | None) -> str:
+    """The median's 95 % interval with its parts, in brackets after a space; empty where unknown.
+
+    numbers: `Lognormal.numbers`, perhaps among other fields of a statement.
+    """
+    if (low := numbers.get("median_low")) is None:
         return ""
-    (low, high), strongest = curve.median_interval, curve.strongest_shaken
+    high = numbers["median_high"]
     end = f"beyond {strongest:.2g}" if strongest is not None and high > strongest else f"{high:.2g}"
-    parts = parts_words(curve.interval_parts)
+    parts = parts_words({name: numbers[f"median_{name}"] for name in CAUSES if f"median_{name}" in numbers})
     return f" (95 %: {low:.2g} to {end}{'; ' if parts else ''}{parts})"
-
-
-def percent(share: float) -> str:
-    """Format a fraction toppled as percentage, or as none or all."""
-    return "none" if share == 0 else "all" if share == 1 else f"{100 * share:.0f} %"
 
 
 MOST_NAMED = 6
@@ -64,7 +62,7 @@ _FIRST_RATES = (1e-4, *sorted(RATES))
 """Annual rates for the first sentence, by precedence: the first within both prior and posterior hazard is used."""
 
 _VARY = {
-    "event": "other events", "fragility": "other records like these", "age": "other ages",
+    "event": "other events", "age": "other ages",
     "joint rate": "other scatters of the two measures",
 }  # fmt: skip
 
@@ -140,10 +138,8 @@ def _fall(statement: dict[str, Any]) -> str:
             f" (5-95 %: {row['level_posterior_p05']:.3g} to {row['level_posterior_p95']:.3g})"
         )  # fmt: skip
         level = f"{after:.3g} {unit}" if goes == "stays at" else f"{before:.3g} to {after:.3g} {unit}"
-        others = "" if row["level_posterior_mean_low"] is None else (
-            f"; it would be {row['level_posterior_mean_low']:.3g} to {row['level_posterior_mean_high']:.3g} with "
-            f"{_varying(statement)} (95 %)"
-        )  # fmt: skip
+        low, high = (digits(row[f"level_posterior_mean_{end}"]) for end in ("low", "high"))
+        others = f"; it would be {low} to {high} with {_varying(statement)} (95 %)" if low != high else ""
         return f"The {rate_words(rate)} {measure} of the mean hazard {goes} {level}{spread}{others}."
     return ""
 
@@ -163,17 +159,21 @@ def _allowed(statement: dict[str, Any]) -> str:
         return f"However strong {which}'s motions were, survival would stay above {least}: there are too few events."
     allowed = "already too strong" if of["scale_factor"] < 1 else "compatible as it is"
     return (
-        f"The motions of {which} may be multiplied by at most {_with_ends(of, 'scale_factor')}, or its rates by "
-        f"{_with_ends(of, 'rate_factor')}, for survival to stay above {least}: it is {allowed}."
+        f"The motions of {which} may be multiplied by at most {with_ends(of, 'scale_factor', level=', 95 %')}, or "
+        f"its rates by {with_ends(of, 'rate_factor', level=', 95 %')}, for survival to stay above {least}: it is "
+        f"{allowed}."
     )
 
 
-def _with_ends(row: dict[str, Any], name: str) -> str:
-    value = "any factor" if row[name] is None or row[name] > LARGEST_FACTOR else f"{row[name]:.3g}"
-    low, high = row[f"{name}_low"], row[f"{name}_high"]
-    if low is None or value == "any factor":
-        return value
-    return f"{value} ({low:.3g} {'or more' if high is None else f'to {high:.3g}'}, 95 %)"
+def with_ends(row: dict[str, Any], name: str, words: Callable[[float], str] = digits, level: str = "") -> str:
+    """Format a factor or a probability of a statement with its interval, if known, in brackets."""
+    value, low, high = (row[f"{name}{end}"] for end in ("", "_low", "_high"))
+    if value is None or value > LARGEST_FACTOR:
+        return "any factor"
+    if low is None:
+        return words(value)
+    upper = "or more" if high is None or high > LARGEST_FACTOR else f"to {words(high)}"
+    return f"{words(value)} ({words(low)} {upper}{level})"
 
 
 def share_words(share: float) -> str:
@@ -185,13 +185,25 @@ def _change(first: float, last: float) -> str:
     return " to ".join(dict.fromkeys(map(share_words, (first, last))))
 
 
+def other_records(statement: dict[str, Any]) -> str:
+    """What the samples of the fragilities vary: records, and the bases that their jobs are on."""
+    bases = any("median_base" in rock for rock in statement["rocks"])
+    return f"other records {'and bases ' if bases else ''}like these"
+
+
 def _varying(statement: dict[str, Any]) -> str:
-    return " and ".join(_VARY[name] for name in statement["intervals_carry"])
+    names = {"fragility": other_records(statement), **_VARY}
+    return " and ".join(names[name] for name in statement["intervals_carry"])
 
 
-def all_words(statement: dict[str, Any]) -> str:
-    """Complete statement in words, one sentence per line."""
-    lines = [*answer(statement), *_rock_lines(statement)]
+def all_words(statement: dict[str, Any]) -> list[str]:
+    """Complete statement in words, one sentence per line: the answer, then what it rests on."""
+    return [*answer(statement), *what_it_rests_on(statement)]
+
+
+def what_it_rests_on(statement: dict[str, Any], *, branches: bool = True) -> list[str]:
+    """Sentences on rocks, hazard, branches, events and rates."""
+    lines = _rock_lines(statement)
     if "hazard" in statement and statement["hazard_ratio"] == 1.0:
         component = statement["hazard"]["component"]
         stated = f", though its files say {component}" if component else ""
@@ -204,15 +216,24 @@ def all_words(statement: dict[str, Any]) -> str:
             "If the hazard is ergodic, each of its earthquakes has another site term, although the rock's site has "
             "one: survival is then understated. Branches of site terms, with single-station sigma, are exact."
         )
-    lines += [*statement.get("hazard", {}).get("assumed", ()), *_branch_lines(statement)]
-    lines += [*_tree_lines(statement), *_event_lines(statement)]
+        lost = max(sum(branch.get(name, 0.0) for name in _OUTSIDE) for branch in statement["branches"])
+        if lost > 0.01:
+            lines.append(
+                f"Up to {share_words(lost)} of a branch's toppling rate may lie outside its points: not counted."
+            )
+    lines += statement.get("hazard", {}).get("assumed", ())
+    lines += [
+        *(_branch_lines(statement) if branches else ()),
+        *_tree_lines(statement),
+        *_event_lines(statement),
+    ]
     for row in statement.get("rates", ())[9::10]:
         unit, measure = printed_unit(statement["measure"]), short_name(statement["measure"])
         lines.append(
-            f"a {measure} of {row[statement['measure']]:.3g} {unit} or more is inconsistent at return periods below "
-            f"{row['inconsistent_return_years']:,.0f} years"
+            f"{measure} of {row[statement['measure']]:.3g} {unit} or more is inconsistent at return periods below "
+            f"{row['inconsistent_return_years']:,.0f} years."
         )
-    return "\n".join([*lines, *(f"Note: {note}." for note in statement.get("notes", ()))])
+    return [*lines, *(f"Note: {note}." for note in statement.get("notes", ()))]
 
 
 def age_words(rock: dict[str, Any]) -> str:
@@ -267,9 +288,10 @@ def _rock_line(rock: dict[str, Any], measure: str) -> str:
 
 def fragility_words(rock: dict[str, Any], measure: str) -> str:
     """Describe the fragility of a statement's rock."""
+    strongest = rock.get("strongest_shaken")
     words = rock.get("fragility") or (
-        f"median {within(rock['median'], rock.get('strongest_shaken'))} {printed_unit(measure)}, "
-        f"beta {rock['beta']:.2f}"
+        f"median {short_name(measure)} {within(rock['median'], strongest)} {printed_unit(measure)}"
+        f"{interval_words(rock, strongest)}, beta {rock['beta']:.2f}"
     )
     return f"{words} ({rock['toppled']:,} topplings in {rock['jobs']:,} jobs)" if rock.get("jobs") else words
 
@@ -278,24 +300,25 @@ def _single_event_lines(statement: dict[str, Any]) -> list[str]:
     """Lines on the intensity that no single event exceeded, with its uncertainty."""
     unit, measure = printed_unit(statement["measure"]), short_name(statement["measure"])
     stood = "the rock has stood" if len(statement["rocks"]) == 1 else "the rocks have stood"
+    if statement["unexceeded_low"] is None:
+        interval = (
+            "the uncertainty from the choice of records is unknown, which needs a run with enough records"
+        )
+    else:
+        high = statement["unexceeded_high"]
+        unfit = max(rock["samples_without_fit"] for rock in statement["rocks"])
+        count = max(rock["samples"] for rock in statement["rocks"])
+        interval = (
+            f"95 %: {statement['unexceeded_low']:.3g} {'or more' if high is None else f'to {high:.3g}'} with "
+            f"{other_records(statement)}"
+            + (f"; {unfit} of {count} bootstrap samples have no fit and count as unbounded" if unfit else "")
+        )
     lines = [
-        f"At {100 * statement['confidence']:g} % confidence no single event has exceeded a {measure} of "
-        f"{statement['unexceeded']:.3g} {unit} while {stood}."
+        f"At {100 * statement['confidence']:g} % confidence no single event's {measure} has exceeded "
+        f"{statement['unexceeded']:.3g} {unit} while {stood} ({interval})."
     ]
     if (apart := statement.get("rocks_apart_km", 0.0)) > SITE_REACH_KM:
         lines.append(f"  they stand up to {apart:,.0f} km apart, and are taken to have felt the same events")
-    if statement["unexceeded_low"] is None:
-        unknown = "its uncertainty from the choice of records is unknown"
-        lines.append(f"  {unknown}: this needs a run with enough records")
-    else:
-        high = statement["unexceeded_high"]
-        ends = f"{statement['unexceeded_low']:.3g} {f'{unit} or more' if high is None else f'to {high:.3g} {unit}'}"
-        unfit = max(rock["samples_without_fit"] for rock in statement["rocks"])
-        count = max(rock["samples"] for rock in statement["rocks"])
-        bare = f"; {unfit} of {count} bootstrap samples have no fit and count as unbounded" if unfit else ""
-        lines.append(
-            f"  {ends} with other records like these (95 %{bare}), as the jobs come from few earthquakes"
-        )
     for rock in statement.get("stood", ()):
         lines += [f"  {sentence}" for sentence in sentences({**rock, "contacts": [rock]})]
         if rock["median_shift_percent"]:
@@ -354,11 +377,6 @@ def _branch_lines(statement: dict[str, Any]) -> list[str]:
             f"  and {len(branches) - MOST_NAMED} branches between the last two: in branches.csv (--out) and --json"
         )
         lines += _taken_at(branches[0])
-    lost = max(sum(branch.get(name, 0.0) for name in _OUTSIDE) for branch in branches)
-    if lost > 0.01 and not few:
-        lines.append(
-            f"  up to {share_words(lost)} of a branch's toppling rate may lie outside its points: not counted"
-        )
     return lines
 
 
@@ -408,10 +426,6 @@ def _reserved(branch: dict[str, Any], statement: dict[str, Any]) -> list[str]:
     return lines
 
 
-_FEW_EVENTS = 5.0
-"""Effective number of events below which a branch's survival is reported as poorly supported."""
-
-
 def _event_lines(statement: dict[str, Any]) -> list[str]:
     """Lines on a set of events: number of events, agreement of ground-motion models, and leave-one-out predictions."""
     if "events" not in statement:
@@ -423,11 +437,11 @@ def _event_lines(statement: dict[str, Any]) -> list[str]:
         lines.append(
             f"Fewer than ten events support a rate of {rate_words(RATES[0])} or less: none is stated."
         )
-    few = [row["name"] for row in branches if 0 < row["effective_events"] < _FEW_EVENTS]
+    few = [row["name"] for row in branches if 0 < row["effective_events"] < LEAST_EVENTS]
     none = [row["name"] for row in branches if row["effective_events"] == 0]
     if few:
         lines.append(
-            f"Fewer than {_FEW_EVENTS:g} events bear the toppling rate of {listed(few, 4)}: simulate more years."
+            f"Fewer than {LEAST_EVENTS:g} events bear the toppling rate of {listed(few, 4)}: simulate more years."
         )
     if none:
         lines.append(

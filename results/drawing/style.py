@@ -153,8 +153,10 @@ def measure_label(measure: str) -> str:
 
 
 def digits(value: float | None) -> str:
-    """Format a number with three significant digits; empty for None and NaN."""
-    return "" if value is None or value != value else f"{value:.3g}"
+    """Format a number with three significant digits, without powers of ten to a million; empty for None and NaN."""
+    if value is None or value != value:
+        return ""
+    return f"{float(f'{value:.3g}'):,.0f}" if 1e3 <= abs(value) < 1e6 else f"{value:.3g}"
 
 
 def within(value: float, strongest: float | None) -> str:

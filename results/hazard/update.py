@@ -59,7 +59,7 @@ RATES = (1e-2, 1 / 475, 1e-3, 1 / 2475, 1e-4, 1e-5)
 """Annual rates at which prior and posterior motions are compared; 475 and 2475 years are 10 and 2 % in 50 years."""
 _LEVELS = 60
 """Maximum number of levels (order statistics of the motions of events) at which rates of exceedance are counted."""
-_LEAST_EVENTS = 10.0
+LEAST_EVENTS = 10.0
 """Minimum effective number of events for a rate: its relative standard error is then 1 / sqrt(10)."""
 
 
@@ -84,8 +84,13 @@ class Exceedance:
         if self.squares is not None:
             with np.errstate(divide="ignore", invalid="ignore"):
                 effective = (weights @ self.rates) ** 2 / (weights**2 @ self.squares)  # Kish
-            few = ~(effective > _LEAST_EVENTS - 1e-6)  # rounded
-            fractiles = {q: np.where(few, math.nan, rates) for q, rates in found.fractiles.items()}
+                of_one = np.nanmax(self.squares / self.rates, axis=0, initial=0.0)
+            few = ~(effective > LEAST_EVENTS - 1e-6)  # rounded
+            # A fractile is the rate of one branch, which its own events support.
+            fractiles = {
+                q: np.where(few | (rates < (LEAST_EVENTS - 1e-6) * of_one), math.nan, rates)
+                for q, rates in found.fractiles.items()
+            }
             return Statistics(self.levels, np.where(few, math.nan, found.mean), fractiles)
         if self.stated is None:
             return found

@@ -22,14 +22,14 @@ from toppling.results.drawing.hazard_figures import (
     hazard_figure,
 )
 from toppling.results.drawing.sentences import (
-    LARGEST_FACTOR,
     ages_words,
-    all_words,
     answer,
     by_site_and_measure,
     fragility_words,
     rate_words,
     share_words,
+    what_it_rests_on,
+    with_ends,
 )
 from toppling.results.drawing.style import (
     FULL_WIDTH_IN,
@@ -122,15 +122,16 @@ def constraint_page(statement: dict[str, Any], drawings: Sequence[Drawing]) -> s
         drawing.section: [document.figure(drawing.draw, drawing.caption, drawing.width_in)]
         for drawing in drawings
     }
-    answers = answer(statement) or all_words(statement).splitlines()[:2]
-    others = [line for line in all_words(statement).splitlines() if line not in answers]
+    answers, others = answer(statement), what_it_rests_on(statement, branches=False)
+    if not answers:
+        answers, others = others[:2], others[2:]
     first = [*answers, *shown.get("Hazard", ()), *_changes(statement, document)]
     sections: dict[str, Sequence[Block]] = {
         "Branches": branches_table(statement, document),
         "Ground-motion models": _models(statement, document),
         "Rates inconsistent": shown.get("Rates inconsistent", ()),
         "Rocks": _rocks(statement, document),
-        "In words": others,
+        "What this rests on": others,
     }
     rocks = [rock["name"] for rock in statement["rocks"]]
     of = "events" if "events" in statement else "curves" if "branches" in statement else ""
@@ -164,12 +165,16 @@ def _changes(statement: dict[str, Any], document: Document) -> list[Block]:
     groups = by_site_and_measure(statement["changes"], statement["measure"])
     several = len({site for site, _ in groups}) > 1
     for (site, measure), rows in list(groups.items())[:MOST_PANELS]:
-        rated = [{**row, "rate": rate_words(row["annual_rate"])} for row in rows]
+        rated = [
+            {**row, "rate": rate_words(row["annual_rate"])}
+            for row in rows
+            if row["level_prior_mean"] is not None
+        ]
         table = _picked(rated, {"rate": "annual rate"} | names)
         caption = (
             f"{short_name(measure)} ({printed_unit(measure)}) exceeded at some annual rates"
             f"{f' at {site}' if several else ''}: mean before and after, fractiles over the branches after. "
-            "Empty where the hazard does not reach, or fewer than ten events support the rate."
+            "Rates are left out, or fractiles, where the hazard ends or fewer than ten events support them."
         )
         parts.append(document.table(table, caption))
     return parts
@@ -180,7 +185,7 @@ def _picked(rows: Sequence[Mapping[str, Any]], names: Mapping[str, str]) -> pd.D
     table = pd.DataFrame(list(rows), dtype=object).reindex(columns=list(names))
     some = table.dropna(axis="columns", how="all")
     for name in set(names).intersection(some):
-        words = _weight if "weight" in name or "survival" in name else digits
+        words = _percent if "weight" in name or "survival" in name else digits
         some[name] = [words(value) if isinstance(value, float) else value for value in some[name]]
     return some.rename(columns=dict(names))
 
@@ -195,10 +200,11 @@ def branches_table(statement: dict[str, Any], document: Document) -> list[Block]
     rows = [*heaviest, statement["mean"]] if len(statement["branches"]) > 1 else heaviest
     table = pd.DataFrame([
         {
-            "branch": row["name"], "prior weight": _weight(row.get("prior_weight")),
-            "posterior weight": _weight(row.get("posterior_weight")),
-            "survival": _with_ends(row, "survival", _weight), "motions at most times": _with_ends(row, "scale_factor"),
-            "rates at most times": _with_ends(row, "rate_factor"),
+            "branch": row["name"], "prior weight (%)": _percent(row.get("prior_weight")),
+            "posterior weight (%)": _percent(row.get("posterior_weight")),
+            "survival (%)": with_ends(row, "survival", _percent),
+            "motions at most times": with_ends(row, "scale_factor"),
+            "rates at most times": with_ends(row, "rate_factor"),
             "verdict": "" if "inconsistent" not in row else "inconsistent" if row["inconsistent"] else "consistent",
         }
         for row in rows
@@ -214,23 +220,16 @@ def branches_table(statement: dict[str, Any], document: Document) -> list[Block]
     return [document.table(table, " ".join([caption, *more, *assumed]))]
 
 
-def _weight(share: float | None) -> str:
-    return "" if share is None else share_words(share)
-
-
-def _with_ends(row: dict[str, Any], name: str, words: Callable[[Any], str] = digits) -> str:
-    if (row[name] or 0.0) > LARGEST_FACTOR:
-        return "any factor"
-    value, low, high = (words(row[f"{name}{end}"]) for end in ("", "_low", "_high"))
-    return f"{value} ({low}-{high or '∞'})" if low else value
+def _percent(share: float | None) -> str:
+    return "" if share is None else share_words(share).removesuffix(" %")
 
 
 def _models(statement: dict[str, Any], document: Document) -> list[Block]:
     if len(statement.get("models", ())) < 2:
         return []
     names = {
-        "model": "model", "branches": "branches", "survival": "survival", "prior_weight": "prior weight",
-        "posterior_weight": "posterior weight", "bayes_factor": "over the average",
+        "model": "model", "branches": "branches", "survival": "survival (%)", "prior_weight": "prior weight (%)",
+        "posterior_weight": "posterior weight (%)", "bayes_factor": "over the average",
     }  # fmt: skip
     caption = (
         "Ground-motion models by all rocks together: survival, weights, and Bayes factor over their average."
@@ -249,7 +248,7 @@ def _rocks(statement: dict[str, Any], document: Document) -> list[Block]:
     rests = (
         "its site among those of the events, and what it rests on"
         if "events" in statement
-        else "what it rests on"
+        else "and what it rests on"
     )
     found = [document.table(_picked(rows, names), f"Fragility over {over} of each rock, {rests}.")]
     if site := statement.get("random_rock"):
@@ -260,7 +259,7 @@ def _rocks(statement: dict[str, Any], document: Document) -> list[Block]:
             "(random_rock.json)."
         )
     if firsts := {row["left_out"]: row for row in statement.get("left_out", ())}:
-        names = {"left_out": "left out", "survival_predicted": "survival that the others predict"}
+        names = {"left_out": "left out", "survival_predicted": "survival that the others predict (%)"}
         caption = "Each rock's survival as the branches predict it once the other rocks have weighted them."
         found.append(document.table(_picked(list(firsts.values()), names), caption))
     return found

@@ -108,7 +108,7 @@ def _card(rock: RockResults, measure: str, folder: Path) -> dict[str, Any]:
     unit, row = printed_unit(measure), rock.row
     median = rock.why_not if rock.curve is None else f"half topple {_at(rock.curve)} {unit}"
     if rock.curve is not None:
-        median += interval_words(rock.curve)
+        median += interval_words(rock.curve.numbers, rock.curve.strongest_shaken)
     weakest = "topples statically toward no azimuth"
     if rock.weakest_azimuth_deg is not None:
         weakest = (

@@ -17,7 +17,7 @@ from toppling.results.analysis.unphysical import unphysical_of
 from toppling.results.drawing import sentences
 from toppling.results.drawing.fit_figures import draw_curve, draw_fractions
 from toppling.results.drawing.report.content import CONFIDENCE, Contact, Content
-from toppling.results.drawing.sentences import percent, what_topples
+from toppling.results.drawing.sentences import other_records, share_words, what_topples
 from toppling.results.drawing.side_by_side_figures import thumbnail
 from toppling.results.drawing.style import (
     ALARM_COLOUR,
@@ -110,7 +110,7 @@ def _how_likely(content: Content) -> str:
     return (
         f"Of {len(known):,} shakings ({counted(known['record_id'].nunique(), 'record')}, scaled to a PGA of "
         f"{levels.min():g} to {levels.max():g} m/s², {known['azimuth_deg'].nunique()} azimuths) "
-        f"{content.chief.toppled:,} topple it, {percent(content.chief.toppled / len(known))}."
+        f"{content.chief.toppled:,} topple it, {share_words(content.chief.toppled / len(known))}."
     )
 
 
@@ -119,7 +119,7 @@ def _what_standing_says(content: Content) -> str:
     if event is None:
         return "With so few topplings, its survival says nothing about past shaking."
     measure, ends = event["measure"], (event["unexceeded_low"], event["unexceeded_high"])
-    interval = "" if None in ends else f"; {ends[0]:.2g} to {ends[1]:.2g} with other records like these, 95 %"
+    interval = "" if None in ends else f"; {ends[0]:.2g} to {ends[1]:.2g} with {other_records(event)}, 95 %"
     return (
         f"Since it still stands, no single shaking like these has exceeded a {short_name(measure)} of "
         f"{event['unexceeded']:.2g} {printed_unit(measure)} since it acquired its present shape "
@@ -136,7 +136,7 @@ def _caption(content: Content) -> str:
         f"Toppling probability of {rock} over {name} ({contact.words}). Dots: share of shakings that topple it, with "
         "95 % intervals by record; curve: lognormal fit, with its 95 % band; dashed: one case in two; hatched: what "
         "the standing rock rejects for a single event. Bars: interval of the shaking that topples it in one case in "
-        "two, and what each of its causes would leave of it."
+        "two, and the part of each cause alone."
     )
 
 
@@ -205,6 +205,6 @@ def _draw_parts(axes: Axes, curve: Lognormal) -> None:
     axes.set(
         ylim=(-len(rows) + 0.4, 0.6),
         xlabel=measure_label(curve.measure),
-        title="95 % interval of that, and its parts",
+        title="its 95 % interval, and the parts",
     )
     axes.margins(x=0.15)

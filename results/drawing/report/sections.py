@@ -183,8 +183,8 @@ def _statistics(content: Content) -> str:
         f"Toppling probabilities are shares of the jobs with an answer{weighted}; their 95 % intervals are Wilson's "
         "(1927) with the number of distinct records as trials, since scaled and rotated copies of one record are not "
         "independent. Fragility curves are lognormal, by maximum likelihood (Baker, 2015), with 95 % intervals from "
-        f"{content.samples} bootstrap samples of records. Measures of intensity are ranked by the log loss of "
-        "predictions for records left out of the fit."
+        f"{content.samples} bootstrap samples of records and bases. Measures of intensity are ranked by the log loss "
+        "of predictions for records left out of the fit."
     )
 
 
@@ -345,9 +345,9 @@ def _fits_section(content: Content, document: Document) -> list[Block]:
             f"Measures of intensity, best first ({contact.words}): by how much each predicts records left out of the "
             "fit worse than the best, and the lognormal fragility over it.",
         ),
-        "Intervals (95 %) come from the bootstrap samples of records that have a fit; the others have none: "
-        f"their answers are separated, or there are fewer than {resampling.LEAST_RECORDS} records. {few} Beyond "
-        "the strongest shaking the jobs say nothing.",
+        "Intervals (95 %) are over bootstrap samples of records and bases. A sample has no fit where its answers are "
+        f"separated; no measure has intervals with fewer than {resampling.LEAST_RECORDS} records. {few} Beyond the "
+        "strongest shaking the jobs say nothing.",
     ]
     return parts
 
@@ -393,8 +393,11 @@ def _jobs_section(content: Content, document: Document) -> list[Block]:
         else "not stated"
     )
     line = f"Engine {engines}; preset {presets}; time step {step or '?'} s"
-    if frame["penetration_m"].notna().any():
-        line += f"; deepest penetration of rock and pedestal {frame['penetration_m'].max():.2g} m"
+    if len(depth_m := frame["penetration_m"].dropna()):
+        line += (
+            f"; rock and pedestal overlap by at most {depth_m.quantile(0.99):.2g} m in 99 % of the jobs, and "
+            f"{depth_m.max():.2g} m in all"
+        )
     ended = frame.groupby(["status", "ended_by", "message"], dropna=False)
     counts = ended.agg(jobs=("job_id", "size")).reset_index().sort_values("jobs", ascending=False)
     table = counts.head(_MOST_ENDS).rename(columns={"ended_by": "ended by"})

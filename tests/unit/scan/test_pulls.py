@@ -9,7 +9,7 @@ from toppling.models.errors import InputError
 from toppling.models.hidden_base.evidence import check_spanned, conditioned, pulls_log_likelihood
 from toppling.models.hidden_base.from_scan import AZIMUTHS_DEG, DRAWS, ENOUGH, interval_of
 from toppling.models.hidden_base.gap import resampled
-from toppling.models.hidden_base.intervals import LOOK, PULL, base_sentences
+from toppling.models.hidden_base.intervals import LOOK, PULL
 from toppling.models.hidden_base.next_look import observations
 from toppling.models.hidden_base.standing import intervals
 from toppling.models.proportions import effective_number
@@ -127,20 +127,10 @@ def test_where_the_draws_differ_by_one_contact_a_look_there_or_a_pull_toward_the
     assert pull["width"] == pytest.approx(alike, rel=0.05)
 
 
-def test_where_all_draws_are_alike_nothing_narrows_and_that_is_said():
+def test_where_all_draws_are_alike_nothing_narrows():
     alike = drawn(np.ones(12, bool))
     found = observations(alike, LEVEL)
     assert [each["width"] for each in found] == pytest.approx([width(alike.toppling_m_s2)] * 2)
-    rows = [{"azimuth_deg": 0.0, "low_m_s2": 1.67, "median_m_s2": 2.0, "high_m_s2": 2.33}]
-    report = {
-        "level": 0.9,
-        "draws": 12,
-        "toppling": rows,
-        "contacts": {"count": [3, 4, 5]},
-        "com_m": [[0, 0, 0]] * 3,
-    }
-    told = base_sentences({"unseen_base": {**report, "next_observations": found}})
-    assert told[-2 if "few" in told[-1] else -1].count("no gain") == 2
 
 
 def test_outlines_hold_the_places_that_a_share_of_the_draws_contacts_enclose():

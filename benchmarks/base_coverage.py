@@ -128,7 +128,7 @@ def curve_of(scene: Path, folder: Path, ensemble: Path, levels: list[float], bas
     text += [f"friction = [{FRICTION}]", f"realisations = {bases}", 'preset = "fast"']
     (campaign := folder.with_suffix(".toml")).write_text("\n".join(text))
     done = run(Campaign.read(campaign), folder, workers=1)
-    return fragility(done.run, fit=True, samples=200).curves.popitem()[1][MEASURE]
+    return fragility(done, fit=True, samples=200).curves.popitem()[1][MEASURE]
 
 
 def row_of(known: Known, out: Path, ensemble: Path) -> dict[str, float]:

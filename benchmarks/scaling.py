@@ -151,7 +151,7 @@ def peak_mb() -> float:
 
 def pretended_rows(asked: Asked, jobs: NDArray[np.int64], wall_s: float = 0.0) -> pa.Table:
     """Rows that jobs could have; every column is filled, as a real one's."""
-    known = asked.asked(jobs) | asked.known(jobs)
+    known = asked.expected(jobs)
     toppled, count = known["level_pga_m_s2"] > 9, len(jobs)
     numbers = (
         "max_tilt_deg",

@@ -10,7 +10,7 @@ from toppling.models.files.documents import listed
 from toppling.models.frames import STANDARD_GRAVITY_M_S2, compass_deg
 from toppling.models.hidden_base.intervals import median_width
 from toppling.models.motions.ensemble import Ensemble
-from toppling.models.motions.quality import LARGEST_FACTOR, LARGEST_PGD_M, TOLD_PGV_M_S, is_beyond, words
+from toppling.models.motions.quality import LIMITS_WORDS, is_beyond, words
 from toppling.models.pedestal import ContactProperties
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
@@ -71,30 +71,8 @@ def warnings_of(campaign: Campaign, scene: Scene) -> list[str]:
     return found + _of_statics(campaign, statics, scene)
 
 
-def scaling_warnings(campaign: Campaign, ensemble: Ensemble) -> list[str]:
-    """Warning of records that the highest level scales by more than `LARGEST_FACTOR`; empty if there are none."""
-    highest = max(campaign.pga_m_s2, default=0.0)  # no levels: unscaled records
-    used = set(campaign.records or ensemble.record_ids)
-    pga_m_s2 = dict(zip(ensemble.record_ids, ensemble.catalog["pga_m_s2"].to_pylist(), strict=True))
-    far = sorted(
-        (own, name) for name, own in pga_m_s2.items() if name in used and highest > LARGEST_FACTOR * own
-    )
-    if not far:
-        return []
-    named = [
-        f"{name} ({own:.2g} m/s2, {f'{highest / own:,.0f}-fold' if own else 'without bound'})"
-        for own, name in far
-    ]
-    records = "1 record is" if len(far) == 1 else f"{len(far)} records are"
-    return [
-        f"{records} scaled by more than {LARGEST_FACTOR:g} to {highest:g} m/s2: {listed(named, _MOST_NAMED)}; weak "
-        "records hold noise, and motion unlike that of strong earthquakes: leave them out with 'toppling records "
-        f"select --pga {highest / LARGEST_FACTOR:.2g} 100'"
-    ]
-
-
 def shaking_warnings(campaign: Campaign, ensemble: Ensemble) -> list[str]:
-    """Warning of levels at which records exceed all recorded ground motions; empty if there are none."""
+    """Warning of levels at which scaled records exceed all recorded ground motions; empty if there are none."""
     catalog, chosen = ensemble.catalog, set(campaign.records or ensemble.record_ids)
     used = catalog.filter(pa.array([name in chosen for name in ensemble.record_ids]))
     own, pgv_m_s, pgd_m = (used[name].to_numpy()[:, None] for name in ("pga_m_s2", "pgv_m_s", "pgd_m"))
@@ -102,7 +80,7 @@ def shaking_warnings(campaign: Campaign, ensemble: Ensemble) -> list[str]:
     factor = levels / own if campaign.pga_m_s2 else np.ones((len(used), 1))
     pgv_m_s, pgd_m = pgv_m_s * factor, pgd_m * factor
     pgd_m = np.minimum(pgd_m, campaign.peak_displacement_m or np.inf)
-    beyond = is_beyond(np.minimum(factor, LARGEST_FACTOR), pgv_m_s, pgd_m)
+    beyond = is_beyond(factor, pgv_m_s, pgd_m)
     if not beyond.any():
         return []
     worst = sorted(zip(-pgv_m_s.max(axis=1), range(len(used)), strict=True))
@@ -114,10 +92,11 @@ def shaking_warnings(campaign: Campaign, ensemble: Ensemble) -> list[str]:
     ]
     at = f" at {levels.max():g} m/s2" if campaign.pga_m_s2 else ""
     return [
-        f"{beyond.mean():.0%} of the jobs shake beyond what was ever recorded (PGV above {TOLD_PGV_M_S:g} m/s or PGD "
-        f"above {LARGEST_PGD_M:g} m):".replace("%", " %", 1)
-        + f"{at} {listed(named, _MOST_NAMED)}; lower levels or records with less PGV for their PGA avoid it, and the "
-        "report shows the effect of leaving these jobs out"
+        f"{beyond.mean():.0%} of the jobs shake beyond what was ever recorded ({LIMITS_WORDS}):".replace(
+            "%", " %", 1
+        )
+        + f"{at} {listed(named, _MOST_NAMED)}; lower levels, stronger records (toppling records select --pga) or those "
+        "with less PGV for their PGA avoid it, and the report shows the effect of leaving these jobs out"
     ]
 
 

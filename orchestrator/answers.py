@@ -15,12 +15,12 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from toppling.models.arrays import Flags
+from toppling.models.arrays import Array, Flags
 from toppling.models.files.digest import read_table
 from toppling.models.hidden_base.draws import draw_of
 from toppling.models.motions.measures import CATALOG, MEASURES, SCALING_POWER
 from toppling.models.pedestal import ContactProperties
-from toppling.orchestrator.plan import Plan, PlannedScene, Rows
+from toppling.orchestrator.plan import Plan, Rows
 from toppling.results.schema import LIMITS, SCHEMA
 from toppling.workers.job import AXES, drawn_contact
 from toppling.workers.options import PHYSICS_VERSION
@@ -35,15 +35,17 @@ _NUMBERS = [
     for field in SCHEMA
     if field.type in (pa.float64(), pa.int32(), pa.int64()) and field.name not in BY_THE_CLIENT
 ]
-_LOW, _HIGH = (np.array([LIMITS[name][end] for name in _NUMBERS], float)[:, None] for end in (0, 1))
+_PLACE = {name: place for place, name in enumerate(_NUMBERS)}
+_LOW, _HIGH = (np.array([LIMITS[name][end] for name in _NUMBERS], float) for end in (0, 1))
+_MAY_LACK = np.array([SCHEMA.field(name).nullable for name in _NUMBERS])
 _TIME = "finished_at"
 _OUTCOMES = {"stands": False, "moved": False, "toppled": True, "lodged": True}
 _STATUSES = ("ok", "undecided", "diverged", "failed")
 _ANSWER = (
-    "max_tilt_deg", "residual_tilt_deg", "residual_yaw_deg", "slip_m", "penetration_m", "ended_by", "steps",
-    "simulated_s", "time_step_s",
+    "max_tilt_deg", "residual_tilt_deg", "residual_yaw_deg", "slip_m", "penetration_m", "steps", "simulated_s",
+    "time_step_s",
 )  # fmt: skip
-"""Columns that every completed shake fills."""
+"""Numbers that every completed shake fills, as it does `ended_by`."""
 
 SAME_NUMBER = 1e-9
 """Relative tolerance between numbers computed on two machines."""
@@ -68,52 +70,42 @@ class Asked:
         answer, jobs = answer.combine_chunks(), jobs[: len(answer)]
         wrong: dict[int, str] = {}
         for name, bad in self._problems(jobs, answer):
-            for place in np.flatnonzero(bad) if bad.any() else ():
+            for place in np.flatnonzero(bad):
                 wrong.setdefault(int(place), f"{name} is {_shown(answer[name][place].as_py())}")
         right = np.array([place not in wrong for place in range(len(answer))])
         return (answer.filter(right) if wrong else answer), wrong
 
     def _problems(self, jobs: Rows, answer: pa.Table) -> Iterator[tuple[str, Flags]]:
         """Yield columns with a mask of the rows whose value is invalid."""
-        yield from _beyond_limits(answer)
+        numbers = answer.select(_NUMBERS).to_batches()[0].to_tensor(null_to_nan=True).to_numpy()
+        yield from _beyond_limits(answer, numbers)
         failed = np.array(answer["status"].to_pylist(), object) == "failed"
-        for name, value in self.asked(jobs).items():
-            yield name, _values(answer, name) != value
-        for name, value in self.known(jobs).items():
-            found = _values(answer, name)
-            if value.dtype == object:
-                found = _objects(answer[name].to_pylist())
-                yield name, (found != value) & ~(failed & (found == None))  # noqa: E711  (by element)
-            else:
-                unlike = ~np.isclose(found, value, rtol=SAME_NUMBER, atol=0.0)
-                yield name, unlike & ~np.isnan(value) & ~(failed & np.isnan(found))
+        expected = self.expected(jobs)
+        names = [name for name, value in expected.items() if isinstance(value, np.ndarray)]
+        for name in expected.keys() - set(names):
+            if (given := answer[name].to_pylist()) != expected[name]:
+                lacks = failed & SCHEMA.field(name).nullable & (_objects(given) == None)  # noqa: E711
+                yield name, (_objects(given) != _objects(expected[name])) & ~lacks
+        columns = [_PLACE[name] for name in names]
+        values, found = np.column_stack([expected[name] for name in names]), numbers[:, columns]
+        lacks = failed[:, None] & _MAY_LACK[columns] & np.isnan(found)
+        unlike = ~np.isclose(found, values, rtol=SAME_NUMBER, atol=0.0) & ~np.isnan(values) & ~lacks
         # A limit on displacement (high-pass) reduces the PGA of a motion.
-        pga, level = _values(answer, "pga_m_s2"), self._plan.columns["pga_m_s2"][jobs]
+        pga, level = numbers[:, _PLACE["pga_m_s2"]], expected["level_pga_m_s2"]
         yield "pga_m_s2", ~((pga > 0.0) & (pga <= level * (1.0 + SAME_NUMBER))) & ~(failed & np.isnan(pga))
-        yield from _contradictions(answer)
+        yield from ((names[column], unlike[:, column]) for column in np.flatnonzero(unlike.any(axis=0)))
+        yield from _contradictions(answer, numbers)
 
-    def asked(self, jobs: Rows) -> dict[str, NDArray[Any]]:
-        """Columns of rows that repeat the job's parameters."""
-        plan, batch = self._plan, self._plan.batch(jobs)
-        scene, count = self._scene(jobs), len(jobs)
-        same = {"scene_id": scene.scene_id, "preset": plan.campaign.preset, "engine": plan.campaign.engine}
-        axes = {"level_pga_m_s2" if name == "pga_m_s2" else name: plan.columns[name][jobs] for name in AXES}
-        ids = {name: _objects(batch[name].to_pylist()) for name in ("job_id", "record_id")}
-        return ids | {name: _objects([value] * count) for name, value in same.items()} | axes
-
-    def known(self, jobs: Rows) -> dict[str, NDArray[Any]]:
-        """Further columns of rows that the client can compute; NaN where unknown."""
-        plan, scene = self._plan, self._scene(jobs)
+    def expected(self, jobs: Rows) -> dict[str, Any]:
+        """Columns of rows of one scene that the client can compute: arrays of numbers, NaN where unknown, or lists."""
+        plan, count = self._plan, len(jobs)
+        scene = plan.scenes[plan.columns["scene_id"][jobs[0]]]
         columns = {name: plan.columns[name][jobs] for name in ("record_id", *AXES)}
         records = _records_of(self.folder / scene.ensemble_place, plan.records)
-        record, unmeasured = columns["record_id"], plan.campaign.unmeasured or Unmeasured()
-        contacts = (columns[name].tolist() for name in AXES[2:])
-        drawn = [_drawn(scene.scene_id, unmeasured, *contact) for contact in zip(*contacts, strict=True)]
-        factor, turn_deg = np.array(drawn).T
-        base = [
-            draw_of(number, scene.bases) if scene.bases else None
-            for number in columns["realisation"].tolist()
-        ]
+        record, unmeasured = columns.pop("record_id"), plan.campaign.unmeasured or Unmeasured()
+        contacts = [*zip(*(columns[name].tolist() for name in AXES[2:]), strict=True)]
+        drawn = {contact: _drawn(scene.scene_id, unmeasured, *contact) for contact in set(contacts)}
+        factor, turn_deg = np.array([drawn[contact] for contact in contacts]).T
         scale = columns["pga_m_s2"] / records["pga_m_s2"][record]
         measures = {
             name: records[name][record] * scale**power
@@ -127,29 +119,28 @@ class Asked:
         if plan.campaign.peak_displacement_m is not None:
             held = scale * np.nan_to_num(records["pgd_m"][record]) > plan.campaign.peak_displacement_m
             measures = {name: np.where(held, np.nan, value) for name, value in measures.items()}
+        realisations = columns["realisation"].tolist()
+        same = {
+            "scene_id": scene.scene_id, "preset": plan.campaign.preset, "engine": plan.campaign.engine,
+            "physics_version": PHYSICS_VERSION,
+        }  # fmt: skip
         return {
-            "event": records["event"][record],
-            "physics_version": _objects([PHYSICS_VERSION] * len(jobs)),
-            "base": _objects(base),
-            "friction_factor": factor,
-            **measures,
-        }
-
-    def _scene(self, jobs: Rows) -> PlannedScene:
-        return self._plan.scenes[self._plan.columns["scene_id"][jobs[0]]]
+            "job_id": plan.jobs["job_id"].take(jobs).to_pylist(),
+            "record_id": [plan.records[number] for number in record.tolist()],
+            "event": records["event"][record].tolist(),
+            **{name: [value] * count for name, value in same.items()},
+            "base": [draw_of(number, scene.bases) if scene.bases else None for number in realisations],
+            "level_pga_m_s2": columns.pop("pga_m_s2"), **columns, "friction_factor": factor, **measures,
+        }  # fmt: skip
 
 
 @lru_cache(maxsize=4)
 def _records_of(folder: Path, records: tuple[str, ...]) -> dict[str, NDArray[Any]]:
     """Columns of an ensemble's catalogue for given records, in order; missing values are NaN."""
     table = read_table(folder / CATALOG)
-    places = pc.index_in(pa.array(records), value_set=table["record_id"].combine_chunks())
-    rows = table.take(places)
-    return {
-        name: _values(rows, name)
-        for name in (*MEASURES, "event", "strong_azimuth_deg")
-        if name in rows.schema.names
-    }
+    rows = table.take(pc.index_in(pa.array(records), value_set=table["record_id"].combine_chunks()))
+    names = [name for name in (*MEASURES, "strong_azimuth_deg") if name in rows.schema.names]
+    return {name: rows[name].to_numpy() for name in names} | {"event": _objects(rows["event"].to_pylist())}
 
 
 @lru_cache(maxsize=2**16)
@@ -162,50 +153,42 @@ def _drawn(
     return friction / static if static > 0.0 else 1.0, unmeasured.turn_deg(realisation)
 
 
-def _beyond_limits(answer: pa.Table) -> Iterator[tuple[str, Flags]]:
+def _beyond_limits(answer: pa.Table, numbers: Array) -> Iterator[tuple[str, Flags]]:
     """Yield columns with a mask of the rows whose value is outside the column's limits."""
     for name in BY_THE_CLIENT:
         yield name, ~_nulls(answer, name)
-    numbers = np.array([_values(answer, name) for name in _NUMBERS], float)
     beyond = ~((numbers >= _LOW) & (numbers <= _HIGH))
-    for row in np.flatnonzero(beyond.any(axis=1)):
-        yield _NUMBERS[row], beyond[row] & ~_nulls(answer, _NUMBERS[row])
+    for column in np.flatnonzero(beyond.any(axis=0)):
+        yield _NUMBERS[column], beyond[:, column] & ~_nulls(answer, _NUMBERS[column])
     for name in _TEXTS:
         lengths = pc.utf8_length(answer[name])
         if (pc.max(lengths).as_py() or 0) > LIMITS[name][1]:
-            yield name, _values_of(lengths) > LIMITS[name][1]
+            yield name, np.array(pc.fill_null(pc.greater(lengths, LIMITS[name][1]), False))
     first, last = (pa.scalar(limit, SCHEMA.field(_TIME).type) for limit in LIMITS[_TIME])
     within = pc.and_(pc.greater_equal(answer[_TIME], first), pc.less_equal(answer[_TIME], last))
     yield _TIME, ~np.array(pc.fill_null(within, True))
 
 
-def _contradictions(answer: pa.Table) -> Iterator[tuple[str, Flags]]:
+def _contradictions(answer: pa.Table, numbers: Array) -> Iterator[tuple[str, Flags]]:
     """Yield columns with a mask of the rows in which they contradict others or lack a required value."""
-    status, outcome, toppled = (_values(answer, name) for name in ("status", "outcome", "toppled"))
+    status, outcome, toppled = (
+        _objects(answer[name].to_pylist()) for name in ("status", "outcome", "toppled")
+    )
     yield "status", ~np.isin(status.astype(str), _STATUSES)
     ok = status == "ok"
     meant = _objects([_OUTCOMES.get(name) for name in outcome.tolist()])
-    none = _nulls(answer, "toppled")
+    none = toppled == None  # noqa: E711  (by element)
     yield "outcome", np.where(ok, none | (meant != toppled), ~none | ~_nulls(answer, "outcome"))
     for name in ("topple_time_s", "falls_toward_deg", "falls_toward_bearing_deg"):
-        yield name, _nulls(answer, name) == (toppled == True)  # noqa: E712  (by element)
+        yield name, np.isnan(numbers[:, _PLACE[name]]) == (toppled == True)  # noqa: E712  (by element)
     shaken = ok | (status == "undecided")
+    yield "ended_by", shaken & _nulls(answer, "ended_by")
     for name in _ANSWER:
-        yield name, shaken & _nulls(answer, name)
+        yield name, shaken & np.isnan(numbers[:, _PLACE[name]])
 
 
 def _nulls(table: pa.Table, name: str) -> Flags:
     return table[name].is_null().to_numpy()
-
-
-def _values(table: pa.Table, name: str) -> NDArray[Any]:
-    return _values_of(table[name])
-
-
-def _values_of(column: pa.ChunkedArray) -> NDArray[Any]:
-    """Numbers with NaN for null; strings and booleans as objects with None for null."""
-    number = pa.types.is_floating(column.type) or pa.types.is_integer(column.type)
-    return column.to_numpy() if number else _objects(column.to_pylist())
 
 
 def _objects(values: list[Any]) -> NDArray[np.object_]:

@@ -15,10 +15,9 @@ from distributed import Client, Status, performance_report
 from distributed.security import Security
 
 from toppling.models.errors import InputError, UsageError
-from toppling.orchestrator.admission import BACK_WITHIN_S
-from toppling.orchestrator.cluster_supervisor import CLOSED, let_resize
 from toppling.orchestrator.code_identity import KERNEL_VARIABLES
 from toppling.orchestrator.compiling import warn_of_no_cache
+from toppling.orchestrator.dask_cluster import BACK_WITHIN_S, CLOSED, let_resize
 from toppling.orchestrator.interrupt import signals_blocked, uninterrupted
 from toppling.orchestrator.local_workers import LocalWorkers
 from toppling.orchestrator.processes import VARIABLE, safe_for_children

@@ -10,7 +10,7 @@ import shutil
 import socket
 import time
 import uuid
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -40,19 +40,15 @@ class StorageError(RuntimeError):
     """A host cannot store delivered files."""
 
 
-def send(call: Callable[..., Any], lacking: Iterable[NotDeliveredError], folders: Mapping[str, Path]) -> None:
-    """Send folders, named by the ids of their contents, to one worker of each host that lacks them.
-
-    call: calls a function with arguments on the worker at an address, and raises its exceptions.
-    """
-    for worker in {error.host: error.worker for error in lacking}.values():
-        for name, folder in folders.items():
-            upload = f".{name}.{uuid.uuid4().hex}.tmp"
-            for path in sorted(path for path in folder.iterdir() if path.is_file()):
-                with path.open("rb") as source:
-                    while piece := source.read(_PIECE_BYTES):
-                        call(worker, _receive, upload, path.name, piece)
-            call(worker, _complete, upload, name)
+def pieces(folders: Mapping[str, Path]) -> Iterator[tuple[Any, ...]]:
+    """Calls on a worker, each a function with its arguments, that store folders named by the ids of their contents."""
+    for name, folder in folders.items():
+        upload = f".{name}.{uuid.uuid4().hex}.tmp"
+        for path in sorted(path for path in folder.iterdir() if path.is_file()):
+            with path.open("rb") as source:
+                while piece := source.read(_PIECE_BYTES):
+                    yield _receive, upload, path.name, piece
+        yield _complete, upload, name
 
 
 def delivered(name: str, worker: str | None = None) -> Path:

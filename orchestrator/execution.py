@@ -12,10 +12,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from toppling.orchestrator.admission import may_be_lost
 from toppling.orchestrator.answers import Asked
 from toppling.orchestrator.context import Answer, JobSelection, RunError, RunProgress, Work
-from toppling.orchestrator.dask_cluster import DaskCluster
+from toppling.orchestrator.dask_cluster import DaskCluster, may_be_lost
 from toppling.orchestrator.dispatch import FIRST_JOBS, Batch, Dispatch, why_given_up
 from toppling.orchestrator.interrupt import held_back
 from toppling.orchestrator.journal import log_event

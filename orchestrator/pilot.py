@@ -9,7 +9,6 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
@@ -157,27 +156,9 @@ class TimeEstimate:
     timed: int  # number of timed jobs
 
 
-def spread(count: int, wanted: int) -> NDArray[np.int64]:
-    """Distinct numbers below `count` of which every prefix is evenly spread (multiples of the golden ratio).
-
-    Unlike repeated bisection, the sequence does not resonate with periods of the numbered items.
-    """
-    golden = (math.sqrt(5.0) - 1.0) / 2.0
-    places = np.floor((np.arange(2 * wanted) * golden % 1.0) * count).astype(int)
-    return np.array(list(dict.fromkeys(places.tolist()))[:wanted])
-
-
 def timed_jobs(pending: int) -> int:
     """Number of jobs to time, by the number of pending jobs."""
     return min(_TIMED_JOBS, max(_LEAST_TIMED, pending // _JOBS_PER_TIMED), pending)
-
-
-def sampled_rows(planned: Plan) -> NDArray[np.int64]:
-    """Rows to time; every prefix has about the distribution of levels and durations of all jobs."""
-    level, duration = planned.jobs["pga_m_s2"].to_numpy(), planned.columns["duration_s"]
-    # Sorted by level, and within it by duration alternately up and down, so that neighbours are similar throughout.
-    turn = np.where(np.unique(level, return_inverse=True)[1] % 2, -1.0, 1.0)
-    return np.lexsort((turn * duration, level))[spread(len(planned), timed_jobs(len(planned)))]
 
 
 def words_of(estimated: TimeEstimate | None, jobs: int, workers: int | None) -> str:
@@ -204,7 +185,7 @@ def estimate(planned: Plan) -> TimeEstimate | None:
     if not len(planned):
         return None
     assets_here = Assets(Scene.load(planned.campaign.scene), Ensemble.load(planned.campaign.ensemble))
-    chosen = sampled_rows(planned)
+    chosen = planned.order[: timed_jobs(len(planned))]  # whose every beginning is a balanced sample
     cost_s: list[float] = []
     try:
         with pool_of(1, assets_here) as pool:
@@ -226,8 +207,8 @@ def estimate(planned: Plan) -> TimeEstimate | None:
 
 def _by_few_rocks(planned: Plan) -> TimeEstimate | None:
     found = []
-    for number in spread(len(planned.scenes), _ROCKS_TIMED):
-        alone = plan_of(planned.scenes[number].campaign)
+    for scene in planned.scenes[:: math.ceil(len(planned.scenes) / _ROCKS_TIMED)]:
+        alone = plan_of(scene.campaign)
         with contextlib.suppress(InputError):  # jobs of a rock that does not stand cost nothing
             settlings_of(alone)[0].checked()
             if (estimated := estimate(alone)) is not None:

@@ -11,9 +11,9 @@ from typing import Any
 
 from distributed import Client
 
-from toppling.orchestrator.admission import make_ready
 from toppling.orchestrator.compiling import COMPILING, is_compiled
 from toppling.orchestrator.context import JobSelection, ProgressCallback, RunProgress, Stage, Work
+from toppling.orchestrator.dask_cluster import make_ready
 from toppling.orchestrator.dispatch import USUAL_LIMITS, Limits
 from toppling.orchestrator.execution import work_off
 from toppling.orchestrator.journal import journal, log_event

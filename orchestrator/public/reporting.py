@@ -12,7 +12,7 @@ from toppling.models.files.documents import without_machine
 from toppling.models.files.folder import write_text
 from toppling.orchestrator.public import unseen
 from toppling.orchestrator.run_folder import place_in
-from toppling.results.analysis import SAMPLES
+from toppling.results.analysis import HEADLINE_MEASURE, SAMPLES
 from toppling.results.queries import ask
 from toppling.results.reader import Run, open_run
 
@@ -125,7 +125,6 @@ def report(
 
 
 def _of_many(atlas: Run, target: Path, samples: int, advance: Callable[..., None]) -> str:
-    from toppling.results.analysis.fits import HEADLINE_MEASURE
     from toppling.results.analysis.side_by_side import compare_rocks
     from toppling.results.drawing.report.gallery_page import gallery_page
 

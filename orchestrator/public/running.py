@@ -15,19 +15,19 @@ from toppling.models.files.stores import at_hand, kept_up
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.models.settling import Settling
-from toppling.orchestrator.advice import scaling_warnings, shaking_warnings, warnings_of
+from toppling.orchestrator.advice import shaking_warnings, warnings_of
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.dispatch import USUAL_LIMITS, Limits
 from toppling.orchestrator.plan import Plan, plan_of
 from toppling.orchestrator.plan import plan as expand
 from toppling.orchestrator.public import unseen
 from toppling.orchestrator.rocks_of_run import Settlings, scene_entries, settlings_of
+from toppling.results.reader import Run
 
 if TYPE_CHECKING:
     from distributed import Client
 
     from toppling.orchestrator.context import ProgressCallback, RunProgress
-    from toppling.results.reader import Run
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,31 +84,24 @@ def plan(campaign: Campaign | str | Path) -> Planned:
     scene, ensemble = Scene.load(chosen.scene), Ensemble.load(chosen.ensemble)
     planned = expand(chosen, scene, ensemble)
     settling = Settlings.of(chosen, scene).checked()
-    warnings = warnings_of(chosen, scene) + scaling_warnings(chosen, ensemble)
-    return Planned(chosen, planned, scene, settling, warnings + shaking_warnings(chosen, ensemble))
+    warnings = warnings_of(chosen, scene) + shaking_warnings(chosen, ensemble)
+    return Planned(chosen, planned, scene, settling, warnings)
 
 
-@dataclass(frozen=True, eq=False)
-class CarriedOut:
-    """A finished session of a run.
+class CarriedOut(Run):
+    """A run, open for reading, after a session that has finished.
 
     Parameters
     ----------
-    folder : Path
+    path : Path
         The run's folder; for a run in an object store, its local copy.
     session : RunProgress
         Progress of this session.
     """
 
-    folder: Path
-    session: RunProgress
-
-    @property
-    def run(self) -> Run:
-        """The run, opened for reading."""
-        from toppling.results.reader import open_run
-
-        return open_run(self.folder)
+    def __init__(self, path: Path, session: RunProgress) -> None:
+        super().__init__(path)
+        self.session = session
 
 
 def run(

@@ -3,9 +3,9 @@
 import json
 from collections import Counter
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
-import pandas as pd
 
 from toppling.models.errors import InputError
 from toppling.models.files.folder import write_text
@@ -15,15 +15,11 @@ from toppling.orchestrator.progress import bar
 from toppling.orchestrator.run_folder import place_in
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import option
-from toppling.results.analysis.fits import HEADLINE_MEASURE
-from toppling.results.analysis.resampling import SAMPLES
-from toppling.results.analysis.side_by_side import RockResults, compare_rocks, directions_geojson, geojson
-from toppling.results.drawing.report.content import Content
-from toppling.results.drawing.report.gallery_page import REPORT, gallery_page, summary
-from toppling.results.drawing.report.write import report_page
-from toppling.results.drawing.side_by_side_figures import fragilities_figure, places_figure
-from toppling.results.drawing.style import save
+from toppling.results.analysis import HEADLINE_MEASURE, SAMPLES
 from toppling.results.reader import Run, open_run
+
+if TYPE_CHECKING:
+    from toppling.results.analysis.side_by_side import RockResults
 
 
 @click.command()
@@ -56,6 +52,9 @@ def atlas(
     toppling atlas runs/atlas --reports
     toppling atlas runs/echo runs/lion --measure pga_m_s2 --out compared
     """
+    from toppling.results.analysis.side_by_side import compare_rocks
+    from toppling.results.drawing.report.gallery_page import gallery_page, summary
+
     opened = [open_run(path) for path in runs]
     of_rocks = _rocks_of(opened)
     folder = out or place_in(runs[0], "atlas")
@@ -91,6 +90,10 @@ def _rocks_of(opened: list[Run]) -> list[Run]:
 
 
 def _write_reports(rocks: list[Run], samples: int) -> None:
+    from toppling.results.drawing.report.content import Content
+    from toppling.results.drawing.report.gallery_page import REPORT
+    from toppling.results.drawing.report.write import report_page
+
     with bar("reports", len(rocks)) as advance:
         for rock in rocks:
             target = place_in(rock.path, REPORT)
@@ -102,7 +105,13 @@ def _write_reports(rocks: list[Run], samples: int) -> None:
             advance()
 
 
-def _write_files(folder: Path, rocks: list[RockResults], measure: str) -> None:
+def _write_files(folder: Path, rocks: list["RockResults"], measure: str) -> None:
+    import pandas as pd
+
+    from toppling.results.analysis.side_by_side import directions_geojson, geojson
+    from toppling.results.drawing.side_by_side_figures import fragilities_figure, places_figure
+    from toppling.results.drawing.style import save
+
     save(fragilities_figure(rocks, measure), folder / "fragilities")
     write_csv(pd.DataFrame([rock.row for rock in rocks]), folder / "rocks.csv")
     if any(rock.place for rock in rocks):
@@ -111,7 +120,7 @@ def _write_files(folder: Path, rocks: list[RockResults], measure: str) -> None:
             write_text(json.dumps(content, indent=1, allow_nan=False), folder / f"{name}.geojson")
 
 
-def _print_result(folder: Path, rocks: list[RockResults]) -> None:
+def _print_result(folder: Path, rocks: list["RockResults"]) -> None:
     placed = sum(rock.place is not None for rock in rocks)
     where = (
         f", rocks.geojson and directions.geojson with {placed} of {len(rocks)} rocks"

@@ -34,9 +34,9 @@ def audit(run: Path, jobs: int | None, take_over: bool, as_json: bool, **where: 
     """
     from toppling.models.errors import InputError
     from toppling.models.files.stores import kept_up
-    from toppling.orchestrator.admission import check_workers
     from toppling.orchestrator.campaign import Campaign
     from toppling.orchestrator.context import RunProgress, Work
+    from toppling.orchestrator.dask_cluster import check_workers
     from toppling.orchestrator.journal import journal
     from toppling.orchestrator.plan import plan_of
     from toppling.orchestrator.progress import watcher

@@ -1,24 +1,29 @@
 """`toppling check`: whether given seismograms, unscaled, topple the rock."""
 
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
-import pandas as pd
 
 from toppling.orchestrator.cli import OneOf
 from toppling.orchestrator.progress import bar
-from toppling.orchestrator.site_table import read_sites
-from toppling.orchestrator.studies import seismograms as study
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.records import show_notes, show_table
 from toppling.orchestrator.verbs.shared_options import of, option
 from toppling.results.run_integrity import SITES_FILE
 from toppling.results.schema import TOPPLED_OUTCOMES
 from toppling.workers.options import PRESETS
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from toppling.orchestrator.studies.seismograms import Verdict
+
+_CHECK = "studies.seismograms.check"
 
 _SCENARIOS_SHOWN = 12
 """Maximum number of scenarios (columns) in the printed table."""
@@ -27,12 +32,12 @@ _SCENARIOS_SHOWN = 12
 @click.command()
 @shared.scene_argument
 @click.argument("seismograms", nargs=-1, type=shared.PATH)
-@of(study.check, "--friction", type=shared.ABOVE_0)
-@of(study.check, "--metadata", type=click.Path(path_type=Path, exists=True))
-@of(study.check, "--missing-vertical")
-@of(study.check, "--range", "largest", type=click.FloatRange(1, 10), metavar="N")
-@of(study.check, "--neighbours", type=click.IntRange(0, 100))
-@of(study.check, "--preset", type=OneOf(list(PRESETS)))
+@of(_CHECK, "--friction", type=shared.ABOVE_0)
+@of(_CHECK, "--metadata", type=click.Path(path_type=Path, exists=True))
+@of(_CHECK, "--missing-vertical")
+@of(_CHECK, "--range", "largest", type=click.FloatRange(1, 10), metavar="N")
+@of(_CHECK, "--neighbours", type=click.IntRange(0, 100))
+@of(_CHECK, "--preset", type=OneOf(list(PRESETS)))
 @option("--workers", type=click.IntRange(1), help="Of many rocks: processes. Default: one per core.")
 @option(
     "--out", type=click.Path(path_type=Path, file_okay=False),
@@ -62,6 +67,8 @@ def check(
     toppling check scenes/rock ensembles/scenario --friction 0.7 --json
     toppling check sites.csv simulated/ --out checked
     """
+    from toppling.orchestrator.studies import seismograms as study
+
     table = scene / SITES_FILE if (scene / SITES_FILE).is_file() else scene
     if table.is_file():
         _check_table(table, seismograms, as_json=as_json)
@@ -85,6 +92,9 @@ def check(
 
 def _check_table(table: Path, seismograms: Sequence[Path], *, as_json: bool) -> None:
     """Shake the rocks of a table, each with the seismograms at its site."""
+    from toppling.orchestrator.site_table import read_sites
+    from toppling.orchestrator.studies import seismograms as study
+
     asked = click.get_current_context().params
     read = study.read_seismograms(
         seismograms, asked["metadata"], asked["missing_vertical"], folders_apart=True
@@ -115,10 +125,10 @@ def _check_table(table: Path, seismograms: Sequence[Path], *, as_json: bool) -> 
         click.echo(f"{out}: rows.csv, matrix.csv, matrix (PNG, SVG)")
 
 
-def _show_matrix(rows: pd.DataFrame, matrix: pd.DataFrame) -> None:
+def _show_matrix(rows: "pd.DataFrame", matrix: "pd.DataFrame") -> None:
     shown = matrix.iloc[:, :_SCENARIOS_SHOWN]
     words = [
-        (str(rock), *("-" if pd.isna(share) else f"{share:.2f}" for share in fractions))
+        (str(rock), *("-" if math.isnan(share) else f"{share:.2f}" for share in fractions))
         for rock, fractions in shown.iterrows()
     ]
     show_table(("rock", *map(str, shown.columns)), words, (0,))
@@ -139,7 +149,7 @@ def _show_reading(remarks: Sequence[str], notes: list[tuple[str, str]]) -> None:
     show_notes(notes)
 
 
-def _show(verdicts: Sequence[study.Verdict], largest: float) -> None:
+def _show(verdicts: Sequence["Verdict"], largest: float) -> None:
     heads = ("seismogram", "event", "station", "PGA m/s²", "PGV m/s", "as it is", "tilt °", "toppled near it",
              "least factor")  # fmt: skip
     words = [

@@ -11,30 +11,28 @@ import click
 
 from toppling.models.files.documents import without_machine
 from toppling.orchestrator.progress import bar
-from toppling.orchestrator.public.constraining import Dates, EventOptions
-from toppling.orchestrator.public.constraining import constrain as state
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import SITE_HELP, SiteCommand, of, option, values_option
 
 
 @click.command(cls=SiteCommand)
 @click.argument("rocks", nargs=-1, required=True, type=shared.PATH, metavar="ROCK...")
-@of(state, "--hazard", metavar="PATH[=WEIGHT]")
-@of(state, "--age")
-@of(Dates, "--common-date", parameter="common")
-@of(Dates, "--common-error", type=click.FloatRange(0, 0.5))
-@of(Dates, "--fragile-since", metavar="AGE[:FACTOR]")
-@of(state, "--where")
+@of("public.constraining.constrain", "--hazard", metavar="PATH[=WEIGHT]")
+@of("public.constraining.constrain", "--age")
+@of("public.constraining.Dates", "--common-date", parameter="common")
+@of("public.constraining.Dates", "--common-error", type=click.FloatRange(0, 0.5))
+@of("public.constraining.Dates", "--fragile-since", metavar="AGE[:FACTOR]")
+@of("public.constraining.constrain", "--where")
 @shared.trusted_option
-@of(state, "--stood", type=shared.PATH, metavar="FILE")
-@of(state, "--measure")
-@of(EventOptions, "--correlation", type=click.FloatRange(0, 1))
-@of(EventOptions, "--event-rate", type=shared.ABOVE_0)
-@of(EventOptions, "--catalogue-years", type=shared.ABOVE_0)
-@of(state, "--confidence", type=click.FloatRange(0.5, 1, max_open=True))
+@of("public.constraining.constrain", "--stood", type=shared.PATH, metavar="FILE")
+@of("public.constraining.constrain", "--measure")
+@of("public.constraining.EventOptions", "--correlation", type=click.FloatRange(0, 1))
+@of("public.constraining.EventOptions", "--event-rate", type=shared.ABOVE_0)
+@of("public.constraining.EventOptions", "--catalogue-years", type=shared.ABOVE_0)
+@of("public.constraining.constrain", "--confidence", type=click.FloatRange(0.5, 1, max_open=True))
 @option("--site", "sites", type=float, nargs=2, multiple=True, metavar="LON LAT", help=SITE_HELP)
 @option("--site-name", "site_names", multiple=True, hidden=True)
-@of(state, "--ratio", type=shared.ABOVE_0)
+@of("public.constraining.constrain", "--ratio", type=shared.ABOVE_0)
 @values_option
 @option(
     "--out", type=shared.FOLDER,
@@ -66,6 +64,9 @@ def constrain(
     toppling constrain runs/first --age 15000..30000 --hazard mean.csv=0.6 --hazard high.csv=0.4
     toppling constrain runs/first --stood quake_e.AT2 --stood quake_n.AT2 --stood quake_up.AT2
     """
+    from toppling.orchestrator.public.constraining import Dates, EventOptions
+    from toppling.orchestrator.public.constraining import constrain as state
+
     with bar("bootstrap of records") as advance:
         stated = state(
             rocks, dates=shared.noun_of(Dates, asked, common=common_date), events=shared.noun_of(EventOptions, asked),

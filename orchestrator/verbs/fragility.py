@@ -2,36 +2,35 @@
 
 from collections import Counter
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from click.core import ParameterSource
 
 from toppling.models.errors import InputError, counted
 from toppling.orchestrator.progress import bar
-from toppling.orchestrator.public.fragility_figures import Fragility
-from toppling.orchestrator.public.fragility_figures import fragility as draw
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import of, option
-from toppling.results.analysis.fits import HEADLINE_MEASURE, answered
-from toppling.results.analysis.fragility import by_contact, contact_words
-from toppling.results.analysis.resampling import SAMPLES, narrowed_by
-from toppling.results.drawing.fit_figures import fit_words
-from toppling.results.drawing.sentences import what_topples
+from toppling.results.analysis import DIRECTION_BINS, HEADLINE_MEASURE, SAMPLES
 from toppling.results.reader import Run, open_run
 from toppling.results.weights import sentences
+
+if TYPE_CHECKING:
+    from toppling.orchestrator.public.fragility_figures import Fragility
+
+_DRAW = "public.fragility_figures.fragility"
 
 
 @click.command()
 @shared.run_argument
-@of(draw, "--out", type=shared.FOLDER)
-@of(draw, "--where")
+@of(_DRAW, "--out", type=shared.FOLDER)
+@of(_DRAW, "--where")
 @shared.trusted_option
 @option("--unweighted", is_flag=True, help="Ignore the weights of records and bases.")
-@of(draw, "--directions", type=click.IntRange(1, 72))
-@of(draw, "--sector", type=(shared.AZIMUTH, shared.AZIMUTH), metavar="FROM TO")
-@of(draw, "--fit")
-@of(draw, "--reference")
+@of(_DRAW, "--directions", default=DIRECTION_BINS, type=click.IntRange(1, 72))
+@of(_DRAW, "--sector", type=(shared.AZIMUTH, shared.AZIMUTH), metavar="FROM TO")
+@of(_DRAW, "--fit")
+@of(_DRAW, "--reference")
 @shared.samples_option(SAMPLES)
 def fragility(run: Path, out: Path | None, unweighted: bool, **asked: Any) -> None:
     """Draw the fragility maps and curves of RUN (PNG, SVG), with the table behind each (CSV).
@@ -54,6 +53,8 @@ def fragility(run: Path, out: Path | None, unweighted: bool, **asked: Any) -> No
     toppling fragility runs/first --fit
     toppling fragility runs/first --where "ground_accelerates_toward_deg between 292.5 and 337.5" --out figures
     """
+    from toppling.orchestrator.public.fragility_figures import fragility as draw
+
     opened = open_run(run)
     if opened.rocks:
         _for_each_rock(opened, out)
@@ -68,8 +69,14 @@ def fragility(run: Path, out: Path | None, unweighted: bool, **asked: Any) -> No
     _print_result(drawn, weighted=not unweighted)
 
 
-def _print_result(drawn: Fragility, *, weighted: bool) -> None:
+def _print_result(drawn: "Fragility", *, weighted: bool) -> None:
     """Print what was written, and the results of fits and audits."""
+    from toppling.results.analysis.fits import answered
+    from toppling.results.analysis.fragility import by_contact, contact_words
+    from toppling.results.analysis.resampling import narrowed_by
+    from toppling.results.drawing.fit_figures import fit_words
+    from toppling.results.drawing.sentences import what_topples
+
     jobs = drawn.jobs
     click.echo(_files(drawn.folder, drawn.files))
     for contact, of_contact in by_contact(jobs).items() if drawn.fits else ():

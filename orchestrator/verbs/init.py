@@ -6,22 +6,20 @@ import os
 import shlex
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from toppling.models.errors import InputError, counted
 from toppling.models.files.folder import refuse_existing, write_text
-from toppling.models.motions.ensemble import Ensemble
-from toppling.models.pedestal import ContactProperties
-from toppling.models.scene import Scene
-from toppling.orchestrator.advice import REALISATIONS, least_static
-from toppling.orchestrator.campaign import KEYS, LARGEST_PGA_M_S2, Campaign
-from toppling.orchestrator.pilot import RECORDS, Pilot, Statics, levels_to_try, statics_of, try_out
 from toppling.orchestrator.progress import bar, duration
-from toppling.orchestrator.rocks_of_run import Settlings
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import option
-from toppling.workers.job import Assets
+
+if TYPE_CHECKING:
+    from toppling.orchestrator.campaign import Campaign
+    from toppling.orchestrator.pilot import Pilot, Statics
+    from toppling.workers.job import Assets
 
 
 @click.command()
@@ -55,6 +53,14 @@ def init(
     \b
     toppling init scenes/rock ensembles/quakes --out campaign.toml
     """
+    from toppling.models.motions.ensemble import Ensemble
+    from toppling.models.pedestal import ContactProperties
+    from toppling.models.scene import Scene
+    from toppling.orchestrator.campaign import Campaign
+    from toppling.orchestrator.pilot import RECORDS, levels_to_try, statics_of, try_out
+    from toppling.orchestrator.rocks_of_run import Settlings
+    from toppling.workers.job import Assets
+
     refuse_existing(out)
     rock, motions = Scene.load(scene), Ensemble.load(ensemble)
     frictions = frictions or (rock.contact.friction_static,)
@@ -83,6 +89,8 @@ def init(
 
 
 def _check_least(least_m_s2: float, scene: Path) -> None:
+    from toppling.orchestrator.campaign import LARGEST_PGA_M_S2
+
     if not 0.0 < least_m_s2 < LARGEST_PGA_M_S2:
         raise InputError(
             "scene.toppling_unusable",
@@ -138,9 +146,12 @@ _HEAD = """\
 
 
 def _keys(
-    out: Path, chosen: Campaign, assets: Assets, statics: Statics, pilot: Pilot, levels: _Levels
+    out: Path, chosen: "Campaign", assets: "Assets", statics: "Statics", pilot: "Pilot", levels: _Levels
 ) -> str:
     """TOML of values that suit a rock, with the reasons as comments."""
+    from toppling.orchestrator.advice import least_static
+    from toppling.orchestrator.campaign import KEYS
+
     scene, ensemble = (
         _quoted(os.path.relpath(folder.absolute(), out.absolute().parent))
         for folder in (chosen.scene, chosen.ensemble)
@@ -178,6 +189,8 @@ preset = {_quoted(chosen.preset)}  # {keys["preset"].help}: {keys["preset"].valu
 
 def _realisations_line(points: int) -> str:
     """Line for `realisations`: enough to represent the unknown base, but at most the number of jobs per record."""
+    from toppling.orchestrator.advice import REALISATIONS
+
     return f"""
 # realisations: how many the jobs of each record are spread over; their number stays. The rock's base is hidden: one is
 # the scene as it is, each other has one of the bases that agree with the scan, and a friction about the one above.
@@ -185,7 +198,7 @@ realisations = {min(REALISATIONS, points)}
 """
 
 
-def _pilot_sentence(pilot: Pilot) -> str:
+def _pilot_sentence(pilot: "Pilot") -> str:
     shaken = len(pilot.topples_at_m_s2)
     first = min(pilot.topples_at_m_s2)
     if not pilot.toppled:

@@ -3,33 +3,26 @@
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
-import numpy as np
-import pandas as pd
 
 from toppling.models.errors import InputError
-from toppling.models.files.documents import finite
 from toppling.models.files.folder import write_text
 from toppling.models.files.table import write_csv
-from toppling.models.motions.selection import read_deaggregation
 from toppling.orchestrator.progress import bar
-from toppling.orchestrator.public.rocks import names_of, read_jobs, standing_rock
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import SiteCommand, option
-from toppling.results.analysis.resampling import SAMPLES
-from toppling.results.drawing.hazard_figures import faults_figure, magnitudes_figure
-from toppling.results.drawing.sentences import age_words
-from toppling.results.drawing.style import printed_unit, save, short_name, within
-from toppling.results.hazard import magnitudes as exclusion
-from toppling.results.hazard.ages import age_given, parse_age
-from toppling.results.hazard.events import Standing
+from toppling.results.analysis import SAMPLES
 from toppling.results.hazard.gmm import MEASURES, MECHANISMS, MODELS, GroundMotionModel
-from toppling.results.hazard.places import FaultTrace, check_place, read_faults
+from toppling.results.hazard.places import check_place, read_faults
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from toppling.results.hazard.magnitudes import Exclusions
 
 _STATED_CHANGE = 5e-4
 """Smallest change of a probability that is reported."""
@@ -127,12 +120,17 @@ def magnitudes(
     toppling magnitudes runs/first --vs30 760 --recurrence 3000 --age 15000..30000 --model bssa14=0.5 --model cy14=0.5
     toppling magnitudes runs/first --vs30 760 --faults faults.geojson --site -118.1 34.7 --out magnitudes
     """
+    from toppling.models.motions.selection import read_deaggregation
+    from toppling.orchestrator.public.rocks import names_of, read_jobs, standing_rock
+    from toppling.results.hazard import magnitudes as exclusion
+    from toppling.results.hazard.ages import age_given, parse_age
+
     _check_usage(rock, recurrence, age, faults, site, where)
     names, weights = _weights(models)
     grid_of = [GroundMotionModel(name, measure, **asked) for name in names]
     traces = read_faults(faults, site) if faults and site else []
     taken_apart = read_deaggregation(deaggregation) if deaggregation else None
-    years = parse_age(age) if age else np.array([math.nan])
+    years = parse_age(age) if age else None
     jobs = read_jobs(rock, where, trusted, None) if rock.is_dir() else None
     with bar("bootstrap of records", SAMPLES if jobs else 0) as advance:
         standing = standing_rock(names_of((rock,))[0], rock, measure, jobs, advance)
@@ -141,13 +139,19 @@ def magnitudes(
         exclusion.motion_grid(grid_of, weights, [trace.distance_km for trace in traces]) if traces else None
     )
     occurrences = [exclusion.one_event(confidence, count) for count in dict.fromkeys(events)]
-    occurrences += [exclusion.recurring(confidence, years, every) for every in dict.fromkeys(recurrence)]
-    answer = _Answer(standing, grid, at_traces, occurrences, traces, exclusion.reference_grid(grid_of, grid))
+    occurrences += [
+        exclusion.recurring(confidence, years, every)
+        for every in dict.fromkeys(recurrence)
+        if years is not None
+    ]
+    answer = exclusion.Exclusions(
+        standing, grid, at_traces, occurrences, traces, exclusion.reference_grid(grid_of, grid)
+    )
     statement = answer.statement() | {
         "models": [{"name": name, "weight": weight} for name, weight in zip(names, grid.weights.tolist(), strict=True)],
         **asked, "sigma": exclusion.sigma_parts(answer.reference, measure),
         "effects": exclusion.effects(grid_of, grid), "confidence": confidence,
-        "age": age_given(age or ""), "age_years": float(years.mean()) if age else None,
+        "age": age_given(age or ""), "age_years": None if years is None else float(years.mean()),
         "without_site_term": [model.name for model in grid_of if not model.has_site_term],
     }  # fmt: skip
     bins = None
@@ -158,14 +162,20 @@ def magnitudes(
 
 
 def _print_result(
-    answer: "_Answer", statement: dict[str, Any], bins: pd.DataFrame | None, out: Path | None, as_json: bool
+    answer: "Exclusions",
+    statement: dict[str, Any],
+    bins: "pd.DataFrame | None",
+    out: Path | None,
+    as_json: bool,
 ) -> None:
     """Write and print the exclusions, with the excluded fraction of a hazard's bins if requested."""
+    from toppling.results.hazard.magnitudes import bins_words
+
     if out:
-        answer.write(out, statement)
+        _write(answer, out, statement)
         if bins is not None:
             write_csv(bins, out / "deaggregation.csv")
-    words = "\n".join([_words(statement), *([] if bins is None else exclusion.bins_words(bins))])
+    words = "\n".join([_words(statement), *([] if bins is None else bins_words(bins))])
     click.echo(json.dumps(statement, indent=1, allow_nan=False) if as_json else words)
 
 
@@ -212,119 +222,44 @@ def _weights(models: Sequence[str]) -> tuple[list[str], list[float]]:
         ) from None
 
 
-@dataclass(frozen=True, eq=False)
-class _Answer:
-    """Magnitudes and distances that a rock excludes."""
+def _write(answer: "Exclusions", out: Path, statement: dict[str, Any]) -> None:
+    """Write statement, tables and figures to a folder."""
+    import numpy as np
+    import pandas as pd
 
-    rock: Standing
-    grid: exclusion.MotionGrid
-    at_traces: exclusion.MotionGrid | None
-    occurrences: Sequence[exclusion.Occurrence]
-    traces: Sequence[FaultTrace]
-    reference: exclusion.MotionGrid
+    from toppling.results.drawing.hazard_figures import faults_figure, magnitudes_figure
+    from toppling.results.drawing.style import save
+    from toppling.results.hazard import magnitudes as exclusion
 
-    @cached_property
-    def tables(self) -> dict[str, tuple[pd.DataFrame, pd.DataFrame]]:
-        """Largest magnitudes and smallest distances, by occurrence."""
-        return {
-            case.name: (
-                exclusion.largest_magnitudes(self.grid, self.rock.curve, self.rock.drawn, case),
-                exclusion.least_distances(self.grid, self.rock.curve, self.rock.drawn, case),
-            )
-            for case in self.occurrences
+    write_text(json.dumps(statement, indent=1, allow_nan=False) + "\n", out / "magnitudes.json")
+    limits = float(answer.grid.magnitude[0]), float(answer.grid.magnitude[-1])
+    for index, name in enumerate(("largest_magnitudes", "least_distances")):
+        parts = [pair[index].assign(occurrence=occurrence) for occurrence, pair in answer.tables.items()]
+        write_csv(pd.concat(parts, ignore_index=True), out / f"{name}.csv")
+    first = {name: pair[0] for name, pair in answer.tables.items()}
+    save(magnitudes_figure(first, statement["confidence"], limits), out / "magnitudes")
+    if answer.traces:
+        write_csv(answer.faults, out / "faults.csv")
+        last = answer.occurrences[-1]
+        allowed = answer.faults.loc[answer.faults["occurrence"] == last.name, "magnitude"]
+        drawn = [
+            replace(trace, magnitude=magnitude)
+            for trace, magnitude in zip(answer.traces, allowed, strict=True)
+        ]
+        table = exclusion.least_distances(answer.grid, answer.rock.curve, [], last)
+        circles = {
+            magnitude: float(np.interp(magnitude, table["magnitude"], table["distance_km"]))
+            for magnitude in exclusion.TARGETS
+            if limits[0] <= magnitude <= limits[1]
         }
-
-    @cached_property
-    def faults(self) -> pd.DataFrame:
-        """Distance of each fault, largest allowed magnitude, and whether its characteristic earthquake is excluded."""
-        assert self.at_traces is not None
-        lines = []
-        for case in self.occurrences:
-            allowed = exclusion.largest_magnitudes(self.at_traces, self.rock.curve, self.rock.drawn, case)
-            for number, (trace, row) in enumerate(zip(self.traces, allowed.itertuples(), strict=True)):
-                lines.append({
-                    "fault": trace.name, "occurrence": case.name, "distance_km": trace.distance_km,
-                    "beyond_models": trace.distance_km > self.grid.distance_km[-1],
-                    "magnitude": row.magnitude, "magnitude_low": row.magnitude_low,
-                    "magnitude_high": row.magnitude_high, "stated_magnitude": trace.magnitude,
-                    "topples": self._topples(trace, number),
-                    "excluded": None if trace.magnitude is None else bool(trace.magnitude > row.magnitude),
-                })  # fmt: skip
-        return pd.DataFrame(lines)
-
-    def _topples(self, trace: FaultTrace, number: int) -> float | None:
-        """Probability that an earthquake of the fault's stated magnitude topples the rock."""
-        if trace.magnitude is None or self.at_traces is None:
-            return None
-        at = {name: getattr(self.at_traces, name)[..., number] for name in ("mean", "sigma", "between_sites")}
-        there = replace(self.at_traces, **at)
-        single = exclusion.toppled(there, self.rock.curve, exclusion.one_event(0.5))
-        return float(np.interp(trace.magnitude, self.at_traces.magnitude, single))
-
-    def _at_reference(self, case: exclusion.Occurrence) -> dict[str, float]:
-        """Probability of toppling at the reference, and what it would be with a site term drawn in each earthquake."""
-        anew = replace(self.reference, between_sites=0.0 * self.reference.sigma)
-        found = (exclusion.toppled(grid, self.rock.curve, case) for grid in (self.reference, anew))
-        return dict(zip(("topples", "topples_ergodic"), (float(value[0]) for value in found), strict=True))
-
-    def statement(self) -> dict[str, Any]:
-        """Statement for JSON; null where nothing, or everything, is excluded."""
-        tables = self.tables
-        stated = [
-            {
-                "occurrence": case.name, **self._at_reference(case),
-                "largest_magnitudes": _rows(tables[case.name][0]), "least_distances": _rows(tables[case.name][1]),
-                "excludes_nothing": bool((exclusion.excess(self.grid, self.rock.curve, case) < 0).all()),
-            }
-            for case in self.occurrences
-        ]  # fmt: skip
-        return {
-            "rock": self.rock.name, "measure": self.rock.curve.measure, "median": self.rock.curve.median,
-            "beta": self.rock.curve.beta, "strongest_shaken": self.rock.curve.strongest_shaken,
-            "magnitude_range": self.grid.magnitude[[0, -1]].tolist(),
-            "distance_range_km": self.grid.distance_km[[0, -1]].tolist(), "occurrences": stated,
-            "faults": _rows(self.faults) if self.traces else [],
-        }  # fmt: skip
-
-    def write(self, out: Path, statement: dict[str, Any]) -> None:
-        """Write statement, tables and figures to a folder."""
-        write_text(json.dumps(statement, indent=1, allow_nan=False) + "\n", out / "magnitudes.json")
-        limits = float(self.grid.magnitude[0]), float(self.grid.magnitude[-1])
-        for index, name in enumerate(("largest_magnitudes", "least_distances")):
-            parts = [pair[index].assign(occurrence=occurrence) for occurrence, pair in self.tables.items()]
-            write_csv(pd.concat(parts, ignore_index=True), out / f"{name}.csv")
-        first = {name: pair[0] for name, pair in self.tables.items()}
-        save(magnitudes_figure(first, statement["confidence"], limits), out / "magnitudes")
-        if self.traces:
-            write_csv(self.faults, out / "faults.csv")
-            last = self.occurrences[-1]
-            allowed = self.faults.loc[self.faults["occurrence"] == last.name, "magnitude"]
-            drawn = [
-                replace(trace, magnitude=magnitude)
-                for trace, magnitude in zip(self.traces, allowed, strict=True)
-            ]
-            table = exclusion.least_distances(self.grid, self.rock.curve, [], last)
-            circles = {
-                magnitude: float(np.interp(magnitude, table["magnitude"], table["distance_km"]))
-                for magnitude in exclusion.TARGETS
-                if limits[0] <= magnitude <= limits[1]
-            }
-            save(faults_figure(drawn, circles, f"standing, {last.name}", limits), out / "faults")
-
-
-def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
-    """Rows for JSON; infinite values (nothing or everything excluded) become null with an explaining word."""
-    rows = []
-    for row in table.astype(object).to_dict("records"):
-        plain = finite(row)
-        bound = row.get("magnitude") if "occurrence" in row or next(iter(row)) == "distance_km" else None
-        if isinstance(bound, float) and math.isinf(bound):
-            plain["excluded_magnitudes"] = "none" if bound > 0 else "all"
-        rows.append(plain)
-    return rows
+        save(faults_figure(drawn, circles, f"standing, {last.name}", limits), out / "faults")
 
 
 def _words(statement: dict[str, Any]) -> str:
+    from toppling.results.drawing.sentences import age_words
+    from toppling.results.drawing.style import printed_unit, short_name, within
+    from toppling.results.hazard.magnitudes import REFERENCE
+
     models = ", ".join(f"{model['name']} ({model['weight']:.3g})" for model in statement["models"])
     median = within(statement["median"], statement["strongest_shaken"])
     lines = [
@@ -333,7 +268,7 @@ def _words(statement: dict[str, Any]) -> str:
         f"models: {models}; "
         f"Vs30 {statement['vs30_m_s']:g} m/s"
     ]
-    at = "at magnitude {:g} and {:g} km".format(*exclusion.REFERENCE)
+    at = "at magnitude {:g} and {:g} km".format(*REFERENCE)
     for case in statement["occurrences"]:
         lines.append(f"{case['occurrence'].capitalize()}, at {100 * statement['confidence']:g} %:")
         if case["excludes_nothing"]:

@@ -13,7 +13,6 @@ import pyarrow.parquet as pq
 from toppling.models.files.documents import finite
 from toppling.models.files.folder import new_file
 from toppling.models.files.table import plain_frame
-from toppling.orchestrator.public.reporting import query as answer_of
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import of, option
 from toppling.results.reader import open_run
@@ -30,7 +29,7 @@ _SHOWN_ROWS = 60
 @option("--csv", "form", flag_value="csv", help="Print CSV.")
 @option("--json", "form", flag_value="json", help="Print a JSON array of rows.")
 @option("--parquet", type=shared.FILE, help="Write a Parquet file.")
-@of(answer_of, "--trusted")
+@of("public.reporting.query", "--trusted")
 @option("--describe", is_flag=True, help="Print every column with its unit and meaning.")
 def query(
     runs: tuple[str, ...],
@@ -64,6 +63,8 @@ def query(
     if describe:
         table = pa.Table.from_pylist(open_run(runs[0]).describe())
     else:
+        from toppling.orchestrator.public.reporting import query as answer_of
+
         table = answer_of(runs, queries[0], trusted=trusted)
         _say_unfinished(runs)
     if parquet:

@@ -2,33 +2,24 @@
 
 import math
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 import pyarrow.compute as pc
 
 from toppling.models.errors import InputError
 from toppling.models.files.digest import check, read_table
-from toppling.models.motions.ensemble import Ensemble
-from toppling.models.motions.motion import Motion
-from toppling.models.scene import Scene
-from toppling.orchestrator.answers import SAME_NUMBER
-from toppling.orchestrator.campaign import Campaign
-from toppling.orchestrator.code_identity import processor
 from toppling.orchestrator.progress import bar, each
 from toppling.orchestrator.run_folder import place_in
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import option
-from toppling.results.analysis.fragility import friction_words
-from toppling.results.drawing.trajectory_figures import write_replay
 from toppling.results.reader import Run, open_run
-from toppling.results.replayed_job import Replay
 from toppling.results.schema import SCHEMA, describe
 from toppling.results.store import has_digests
-from toppling.workers.engines import DEFAULT
-from toppling.workers.job import Assets, JobSpec, outcome_of, prepared
-from toppling.workers.outcome import ShakeResult
-from toppling.workers.seating import settled
-from toppling.workers.shaking import shake
+
+if TYPE_CHECKING:
+    from toppling.models.scene import Scene
+    from toppling.workers.job import JobSpec
 
 
 @click.command()
@@ -46,15 +37,27 @@ def replay(run: Path, job: str, out: Path | None) -> None:
     toppling query runs/first "select job_id, max_tilt_deg from results where toppled limit 3"
     toppling replay runs/first 3dea16b1
     """
+    from toppling.models.motions.ensemble import Ensemble
+    from toppling.models.scene import Scene
+    from toppling.results.drawing.trajectory_figures import write_replay
+    from toppling.results.replayed_job import Replay
+    from toppling.workers.job import Assets, outcome_of, prepared
+    from toppling.workers.seating import settled
+    from toppling.workers.shaking import shake
+
     spec, job_id = specification(run, job)
     of_rock = _rock_of(open_run(run), spec.scene_id)
     assets = Assets(Scene.load(of_rock.scene_folder), Ensemble.load(of_rock.ensemble_folder))
     shared.compile_first()
     scene, imposed = prepared(spec, assets)
     with bar("shaking"):
-        shown, result = _replay_of(scene, imposed.motion, spec.preset, spec.engine)
+        result = shake(scene, imposed.motion, spec.preset, trajectory=True, engine=spec.engine)
+        assert result.trajectory is not None
+        shown = Replay(settled(scene), imposed.motion, result.trajectory, result.topple_time_s)
     title = f"{of_rock.rock}: {_as_shaken(spec, assets.scene, scene)}: {result.outcome or result.status}"
-    _write_out(shown, out or place_in(run, f"replay/{job_id}"), title)
+    folder = out or place_in(run, f"replay/{job_id}")
+    for path in each(write_replay(shown, folder, title), "drawing", total=6):
+        click.echo(path)
     rows = open_run(run).table()
     (row,) = rows.filter(pc.equal(rows.column("job_id"), job_id)).to_pylist() or [None]
     again = outcome_of(result)
@@ -77,8 +80,10 @@ def replay(run: Path, job: str, out: Path | None) -> None:
         click.echo("The answer is that of the run.")
 
 
-def _as_shaken(spec: JobSpec, nominal: Scene, shaken: Scene) -> str:
+def _as_shaken(spec: "JobSpec", nominal: "Scene", shaken: "Scene") -> str:
     """Description of a job with the draws of its realisation: base, friction, restitution, rotation of the motion."""
+    from toppling.results.analysis.fragility import friction_words
+
     number, contact = spec.realisation, shaken.contact
     base = None if nominal.unseen is None else nominal.unseen.number_of(number)
     turn_deg = spec.unmeasured.turn_deg(number) if spec.unmeasured else 0.0
@@ -97,21 +102,6 @@ def _as_shaken(spec: JobSpec, nominal: Scene, shaken: Scene) -> str:
     )
 
 
-def _replay_of(
-    scene: Scene, motion: Motion, preset: str, engine: str = DEFAULT
-) -> tuple[Replay, ShakeResult]:
-    """Shake a scene and record the rock's trajectory."""
-    result = shake(scene, motion, preset, trajectory=True, engine=engine)
-    assert result.trajectory is not None
-    return Replay(settled(scene), motion, result.trajectory, result.topple_time_s), result
-
-
-def _write_out(shown: Replay, folder: Path, title: str) -> None:
-    """Write the files of a replay, and print their names."""
-    for path in each(write_replay(shown, folder, title), "drawing", total=6):
-        click.echo(path)
-
-
 _OUTCOME = [
     field.name for field in SCHEMA if describe(field)["group"] == "outcome" and field.name != "message"
 ]
@@ -122,8 +112,13 @@ def _rock_of(opened: Run, scene_id: str | None) -> Run:
     return next((rock for rock in opened.rocks if rock.entry["scene_id"] == scene_id), opened)
 
 
-def specification(run: Path, job: str) -> tuple[JobSpec, str]:
+def specification(run: Path, job: str) -> "tuple[JobSpec, str]":
     """Specification of the job whose id begins with the given text, and its full id."""
+    from toppling.models.motions.ensemble import Ensemble
+    from toppling.models.scene import Scene
+    from toppling.orchestrator.campaign import Campaign
+    from toppling.workers.job import JobSpec
+
     opened = open_run(run)
     run = opened.root
     path = run / "jobs.parquet"
@@ -154,6 +149,8 @@ def specification(run: Path, job: str) -> tuple[JobSpec, str]:
 
 def _whence(kernels: str | None) -> str:
     """Possible cause of a different answer: another version, or another machine."""
+    from toppling.orchestrator.code_identity import processor
+
     here = processor()["kernels"]
     remark = "see 'versions' in run.json: the run may come from another version or machine"
     if kernels in (None, here):
@@ -162,6 +159,8 @@ def _whence(kernels: str | None) -> str:
 
 
 def _difference(name: str, was: object, now: object) -> str:
+    from toppling.orchestrator.answers import SAME_NUMBER
+
     if isinstance(was, float) and isinstance(now, float):
         same = math.isclose(was, now, rel_tol=SAME_NUMBER, abs_tol=SAME_NUMBER)
     else:

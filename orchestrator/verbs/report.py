@@ -6,22 +6,23 @@ from typing import Any
 import click
 
 from toppling.orchestrator.progress import bar
-from toppling.orchestrator.public.reporting import report as write_report
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import SITE_HELP, SiteCommand, of, option, values_option
-from toppling.results.analysis.resampling import SAMPLES
+from toppling.results.analysis import SAMPLES
+
+_REPORT = "public.reporting.report"
 
 
 @click.command(cls=SiteCommand)
 @shared.run_argument
-@of(write_report, "--out", type=shared.FILE)
-@of(write_report, "--pdf")
-@of(write_report, "--age")
-@of(write_report, "--hazard", metavar="PATH[=WEIGHT]")
+@of(_REPORT, "--out", type=shared.FILE)
+@of(_REPORT, "--pdf")
+@of(_REPORT, "--age")
+@of(_REPORT, "--hazard", metavar="PATH[=WEIGHT]")
 @option("--site", type=float, nargs=2, metavar="LON LAT", help=SITE_HELP)
 @option("--site-name", hidden=True)
-@of(write_report, "--measure")
-@of(write_report, "--ratio", type=shared.ABOVE_0)
+@of(_REPORT, "--measure")
+@of(_REPORT, "--ratio", type=shared.ABOVE_0)
 @values_option
 @shared.samples_option(SAMPLES)
 def report(
@@ -37,6 +38,8 @@ def report(
     toppling report runs/first --pdf
     toppling report runs/first --age 15000..30000 --hazard mean.csv=0.6 --hazard high.csv=0.4
     """
+    from toppling.orchestrator.public.reporting import report as write_report
+
     with bar("report") as advance:
         written = write_report(run, out, site=site or site_name, advance=advance, **asked)
     click.echo(written.page)

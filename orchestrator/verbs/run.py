@@ -227,7 +227,7 @@ def _print_result(
     from toppling.results.analysis.unphysical import unphysical_of
 
     advice = [] if chosen.precision or chosen.sites else suggestions(level_counts(folder))
-    progress, unphysical = shaken.session, unphysical_of(shaken.run)
+    progress, unphysical = shaken.session, unphysical_of(shaken)
     state = state_of(folder)  # of all sessions, including unanswered jobs of earlier ones
     summary = {
         "run": str(folder), "jobs": progress.total, "done_before": progress.before, "done": progress.done,

@@ -9,12 +9,12 @@ import click
 from toppling.models.errors import InputError
 from toppling.models.lengths import METRES
 from toppling.models.scan.hints_file import KEYS, KINDS, OF_CLOUDS, RIVALS, read_hints
-from toppling.models.scene import Scene
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import browsing_options, option, served
 
 if TYPE_CHECKING:
+    from toppling.models.scene import Scene
     from toppling.orchestrator.public.making import Scanned
 
 
@@ -248,7 +248,7 @@ def _from_clouds(files: tuple[Path, ...], given: dict[str, Any]) -> "Scanned":
         return scanned(files, given.pop("out"), **given, advance=advance)
 
 
-def _summary(scene: Scene, out: Path) -> str:
+def _summary(scene: "Scene", out: Path) -> str:
     """One line on the scanned rock and pedestal."""
     rock, pedestal = scene.rock, scene.pedestal
     east_m, north_m = rock.vertices_m[:, :2].max(axis=0) - rock.vertices_m[:, :2].min(axis=0)

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import click
 
-from toppling.models.scene import Scene
 from toppling.orchestrator.cli import Verbs
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import option
@@ -43,6 +42,7 @@ def show(folder: Path, out: Path | None) -> None:
         advance(0, "settling")
         from toppling.models.files.folder import rock_name, write_text
         from toppling.models.hidden_base.intervals import base_sentences
+        from toppling.models.scene import Scene
         from toppling.orchestrator.rocks_of_run import draw_settling, settling_notes
         from toppling.results.drawing.scene_figures import draw_scene, scene_page
 
@@ -71,6 +71,7 @@ def export(folder: Path, file: Path) -> None:
     \b
     toppling scene export scenes/rock rock.glb
     """
+    from toppling.models.scene import Scene
     from toppling.results.drawing.scene_figures import export_scene
 
     export_scene(Scene.load(folder), file)

@@ -1,7 +1,7 @@
 """Arguments and options common to several commands: files, clusters, hazard; and serving of pages to a browser."""
 
+import ast
 import dataclasses
-import inspect
 import math
 import os
 import re
@@ -10,7 +10,7 @@ import tempfile
 import webbrowser
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
-from functools import reduce
+from functools import cache, reduce
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -60,14 +60,19 @@ def option(*names: str, **given: Any) -> _Decorator:
     return click.option(*names, **{"show_default": True, **given})
 
 
-def of(function: Callable[..., Any], *names: str, parameter: str = "", **given: Any) -> _Decorator:
+def of(function: str, *names: str, parameter: str = "", **given: Any) -> _Decorator:
     """Option for a parameter of a function or dataclass, with the default and description of that parameter.
 
+    function: `module.name` in `orchestrator`; its module, which imports much, is read and not imported.
     names: names for click; the last is also that of the parameter unless `parameter` is given.
     """
     name = parameter or names[-1].strip("-").replace("-", "_")
-    found: dict[str, Any] = {"help": _words_of(function, name)}
-    default = inspect.signature(function).parameters[name].default
+    text, defaults = _declared(function)
+    listed = text.partition("Parameters\n----------\n")[2].partition("\n\n")[0]
+    entries = re.findall(r"^(\w[\w, ]*)(?: : .*)?\n((?: +.*\n?)+)", listed, re.MULTILINE)
+    (words,) = (words for known, words in entries if name in known.split(", "))
+    found: dict[str, Any] = {"help": " ".join(words.replace("`", "").split())}
+    default = given["default"] if "default" in given else ast.literal_eval(defaults[name])
     if isinstance(default, bool):
         found["is_flag"] = True
     elif default == ():
@@ -83,15 +88,23 @@ def noun_of(noun: Callable[..., _Noun], asked: dict[str, Any], **more: Any) -> _
     return noun(**{name: asked.pop(name) for name in names}, **more)
 
 
-def _words_of(function: Callable[..., Any], parameter: str) -> str | None:
-    """Description of a parameter in a docstring; None without docstrings (Python's -OO)."""
-    text = inspect.getdoc(function)
-    if text is None or sys.flags.optimize > 1:  # a dataclass then has its signature as docstring
-        return None
-    listed = text.partition("Parameters\n----------\n")[2].partition("\n\n")[0]
-    entries = re.findall(r"^(\w[\w, ]*)(?: : .*)?\n((?: +.*\n?)+)", listed, re.MULTILINE)
-    (words,) = (words for names, words in entries if parameter in names.split(", "))
-    return " ".join(words.replace("`", "").split())
+@cache
+def _declared(function: str) -> tuple[str, dict[str, ast.expr]]:
+    """Docstring of a function or dataclass, and the defaults of its parameters."""
+    module, _, own = function.rpartition(".")
+    path = Path(__file__).parents[1] / f"{module.replace('.', '/')}.py"
+    kinds = ast.ClassDef | ast.FunctionDef
+    (found,) = (
+        node for node in ast.parse(path.read_bytes()).body if isinstance(node, kinds) and node.name == own
+    )
+    text = ast.get_docstring(found) or ""
+    if isinstance(found, ast.ClassDef):
+        fields = [node for node in found.body if isinstance(node, ast.AnnAssign)]
+        return text, {ast.unparse(field.target): field.value for field in fields if field.value}
+    given = found.args
+    pairs = [*zip(given.args[::-1], given.defaults[::-1], strict=False)]
+    pairs += [(name, value) for name, value in zip(given.kwonlyargs, given.kw_defaults, strict=True) if value]
+    return text, {name.arg: value for name, value in pairs}
 
 
 run_argument = click.argument("run", type=PATH)

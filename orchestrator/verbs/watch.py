@@ -12,10 +12,9 @@ import threading
 import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
-import pandas as pd
 
 from toppling.models.errors import InputError
 from toppling.orchestrator.loopback import TEXT, Answers, Loopback
@@ -23,11 +22,11 @@ from toppling.orchestrator.progress import duration, pace
 from toppling.orchestrator.status import state_of
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import browsing_options, served
-from toppling.results.analysis.fits import HEADLINE_MEASURE, curve_over
-from toppling.results.analysis.fragility import by_contact, cells, contact_words, planes_of
-from toppling.results.drawing.sentences import what_topples
-from toppling.results.drawing.templates import rendered
+from toppling.results.analysis import HEADLINE_MEASURE
 from toppling.results.reader import Run, open_run
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _LATEST = 12
 """Number of topplings listed."""
@@ -45,6 +44,8 @@ _OF_A_REPLAY = (
 
 def shown(run: Path) -> dict[str, Any]:
     """State of a run for the page, for JSON; InputError if the folder is not a run, or a file is damaged."""
+    from toppling.results.analysis.fragility import by_contact
+
     state = state_of(run)
     opened = open_run(run)
     frame = opened.frame()
@@ -77,14 +78,20 @@ def _counts(state: dict[str, Any]) -> str:
     )
 
 
-def _headline(run: Run, jobs: pd.DataFrame, among: pd.DataFrame) -> str:
+def _headline(run: Run, jobs: "pd.DataFrame", among: "pd.DataFrame") -> str:
     """First sentence of the report for a contact; empty while there are too few topplings."""
+    from toppling.results.analysis.fits import curve_over
+    from toppling.results.analysis.fragility import contact_words
+    from toppling.results.drawing.sentences import what_topples
+
     curve = curve_over(jobs, HEADLINE_MEASURE)
     return what_topples(curve, contact_words(jobs, among), run.on_one_base(jobs)) if curve else ""
 
 
-def _map(name: str, jobs: pd.DataFrame) -> dict[str, Any]:
+def _map(name: str, jobs: "pd.DataFrame") -> dict[str, Any]:
     """Map of PGA and PGV/PGA of a contact, with cells by grid position."""
+    from toppling.results.analysis.fragility import cells, planes_of
+
     table = cells(jobs, planes_of(jobs)["pga_pgv_pga"])
     pulses = sorted(set(zip(table["pgv_pga_s_low"], table["pgv_pga_s_high"], strict=True)))
     levels = sorted(table["level_pga_m_s2"].unique())
@@ -103,7 +110,7 @@ def _map(name: str, jobs: pd.DataFrame) -> dict[str, Any]:
     return {"name": name, "columns": columns, "rows": [f"{level:g}" for level in levels], "cells": placed}
 
 
-def _latest(frame: pd.DataFrame) -> list[dict[str, Any]]:
+def _latest(frame: "pd.DataFrame") -> list[dict[str, Any]]:
     """Most recently stored topplings, newest first."""
     toppled = frame[frame["toppled"].fillna(value=False).astype(bool)]
     newest = toppled.sort_values(["finished_at", "job_id"], ascending=False, na_position="last").head(_LATEST)
@@ -190,8 +197,7 @@ class _Answers(Answers):
         asked = self.asked()
         if asked == "":
             nonce = secrets.token_urlsafe(12)
-            page = rendered("watch.html", title="toppling", nonce=nonce)
-            self.send(page.encode(), policy=_STRICT.format(nonce))
+            self._show("watch.html", _STRICT.format(nonce), nonce=nonce)
         elif asked == "state.json":
             self.send(self.server.state(), "application/json")
         elif asked is not None and _JOB.fullmatch(job := asked.removeprefix("replay/")) and asked != job:
@@ -206,8 +212,15 @@ class _Answers(Answers):
             self.send(str(error).encode(), TEXT)
             return
         message = f"shaking job {job} again: some seconds, up to a minute the first time"
-        page = page or rendered("waiting.html", title="toppling", text=message)
-        self.send(page.encode(), policy=_OF_A_REPLAY)
+        if page is None:
+            self._show("waiting.html", _OF_A_REPLAY, text=message)
+        else:
+            self.send(page.encode(), policy=_OF_A_REPLAY)
+
+    def _show(self, template: str, policy: str, **given: str) -> None:
+        from toppling.results.drawing.templates import rendered
+
+        self.send(rendered(template, title="toppling", **given).encode(), policy=policy)
 
 
 def watching(run: Path, folder: Path, port: int = 0) -> _Watching:

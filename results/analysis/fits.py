@@ -162,10 +162,6 @@ def _loss(truth: NDArray[np.bool_], predicted: Array) -> Array:
     return -np.log(np.where(truth, safe, 1 - safe))
 
 
-HEADLINE_MEASURE = "pgv_m_s"
-"""Preferred measure of a run's summary, as in 'toppling constrain', because hazard curves of PGV exist."""
-
-
 def headline(models: Sequence[Fit]) -> Fit | None:
     """First of some fits, best first, that may represent the run: of one horizontal measure, with a curve.
 

@@ -10,12 +10,10 @@ from scipy.special import ndtri
 
 from toppling.models.arrays import Array
 from toppling.models.frames import compass_deg
+from toppling.results.analysis import DIRECTION_BINS
 
 THIN_RECORDS = 10
 """Number of distinct records below which a cell is marked: its 95 % interval can span half of the scale."""
-
-DIRECTION_BINS = 8
-"""Default number of direction bins around the circle."""
 
 CONTACT_COLUMNS = ("scene_id", "engine", "preset", "friction_static", "friction_kinetic", "restitution")
 """Columns of scene, engine and contact: jobs that differ in any of them are never pooled."""

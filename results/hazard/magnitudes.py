@@ -15,6 +15,7 @@ at most 1 - C. Models are averaged by their weights after the power.
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -25,9 +26,12 @@ from scipy.special import logsumexp, ndtr, ndtri
 
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
+from toppling.models.files.documents import finite
 from toppling.models.motions.selection import Bin
 from toppling.results.analysis.lognormal import Lognormal, ends
+from toppling.results.hazard.events import Standing
 from toppling.results.hazard.gmm import GroundMotionModel, single_station_parts
+from toppling.results.hazard.places import FaultTrace
 
 _MAGNITUDE_STEP = 0.1
 """Step of the grid of magnitudes."""
@@ -289,3 +293,90 @@ def bins_words(table: pd.DataFrame) -> list[str]:
     if table["beyond_models"].any():
         lines.append("Bins beyond what the models are for are taken as their nearest.")
     return lines
+
+
+@dataclass(frozen=True, eq=False)
+class Exclusions:
+    """Magnitudes and distances that a rock excludes."""
+
+    rock: Standing
+    grid: MotionGrid
+    at_traces: MotionGrid | None
+    occurrences: Sequence[Occurrence]
+    traces: Sequence[FaultTrace]
+    reference: MotionGrid
+
+    @cached_property
+    def tables(self) -> dict[str, tuple[pd.DataFrame, pd.DataFrame]]:
+        """Largest magnitudes and smallest distances, by occurrence."""
+        return {
+            case.name: (
+                largest_magnitudes(self.grid, self.rock.curve, self.rock.drawn, case),
+                least_distances(self.grid, self.rock.curve, self.rock.drawn, case),
+            )
+            for case in self.occurrences
+        }
+
+    @cached_property
+    def faults(self) -> pd.DataFrame:
+        """Distance of each fault, largest allowed magnitude, and whether its characteristic earthquake is excluded."""
+        assert self.at_traces is not None
+        lines = []
+        for case in self.occurrences:
+            allowed = largest_magnitudes(self.at_traces, self.rock.curve, self.rock.drawn, case)
+            for number, (trace, row) in enumerate(zip(self.traces, allowed.itertuples(), strict=True)):
+                lines.append({
+                    "fault": trace.name, "occurrence": case.name, "distance_km": trace.distance_km,
+                    "beyond_models": trace.distance_km > self.grid.distance_km[-1],
+                    "magnitude": row.magnitude, "magnitude_low": row.magnitude_low,
+                    "magnitude_high": row.magnitude_high, "stated_magnitude": trace.magnitude,
+                    "topples": self._topples(trace, number),
+                    "excluded": None if trace.magnitude is None else bool(trace.magnitude > row.magnitude),
+                })  # fmt: skip
+        return pd.DataFrame(lines)
+
+    def _topples(self, trace: FaultTrace, number: int) -> float | None:
+        """Probability that an earthquake of the fault's stated magnitude topples the rock."""
+        if trace.magnitude is None or self.at_traces is None:
+            return None
+        at = {name: getattr(self.at_traces, name)[..., number] for name in ("mean", "sigma", "between_sites")}
+        there = replace(self.at_traces, **at)
+        single = toppled(there, self.rock.curve, one_event(0.5))
+        return float(np.interp(trace.magnitude, self.at_traces.magnitude, single))
+
+    def _at_reference(self, case: Occurrence) -> dict[str, float]:
+        """Probability of toppling at the reference, and what it would be with a site term drawn in each earthquake."""
+        anew = replace(self.reference, between_sites=0.0 * self.reference.sigma)
+        found = (toppled(grid, self.rock.curve, case) for grid in (self.reference, anew))
+        return dict(zip(("topples", "topples_ergodic"), (float(value[0]) for value in found), strict=True))
+
+    def statement(self) -> dict[str, Any]:
+        """Statement for JSON; null where nothing, or everything, is excluded."""
+        tables = self.tables
+        stated = [
+            {
+                "occurrence": case.name, **self._at_reference(case),
+                "largest_magnitudes": _rows(tables[case.name][0]), "least_distances": _rows(tables[case.name][1]),
+                "excludes_nothing": bool((excess(self.grid, self.rock.curve, case) < 0).all()),
+            }
+            for case in self.occurrences
+        ]  # fmt: skip
+        return {
+            "rock": self.rock.name, "measure": self.rock.curve.measure, "median": self.rock.curve.median,
+            "beta": self.rock.curve.beta, "strongest_shaken": self.rock.curve.strongest_shaken,
+            "magnitude_range": self.grid.magnitude[[0, -1]].tolist(),
+            "distance_range_km": self.grid.distance_km[[0, -1]].tolist(), "occurrences": stated,
+            "faults": _rows(self.faults) if self.traces else [],
+        }  # fmt: skip
+
+
+def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
+    """Rows for JSON; infinite values (nothing or everything excluded) become null with an explaining word."""
+    rows = []
+    for row in table.astype(object).to_dict("records"):
+        plain = finite(row)
+        bound = row.get("magnitude") if "occurrence" in row or next(iter(row)) == "distance_km" else None
+        if isinstance(bound, float) and math.isinf(bound):
+            plain["excluded_magnitudes"] = "none" if bound > 0 else "all"
+        rows.append(plain)
+    return rows

@@ -20,8 +20,8 @@ from waiting import wait_until
 from toppling.models.compiled import FOLDER
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
-from toppling.orchestrator.admission import check_workers, make_ready
 from toppling.orchestrator.cluster import existing
+from toppling.orchestrator.dask_cluster import check_workers, make_ready
 from toppling.orchestrator.leaving import leaving_in_order
 from toppling.orchestrator.plan import plan_of
 from toppling.orchestrator.run import run

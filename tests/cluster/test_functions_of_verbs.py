@@ -8,19 +8,19 @@ import toppling
 
 def test_a_plan_has_the_jobs_of_the_run(inputs, whole):
     planned = toppling.plan(inputs / "campaign.toml")
-    ids = toppling.query(whole.run, "select job_id from results order by all")["job_id"].to_pylist()
+    ids = toppling.query(whole, "select job_id from results order by all")["job_id"].to_pylist()
     assert sorted(planned.jobs["job_id"].to_pylist()) == ids
     assert (len(ids), whole.session.done, whole.session.failed) == (72, 72, 0)
 
 
 def test_a_hazard_without_an_age_is_refused(whole):
     with refused("age.needed"):
-        toppling.constrain([whole.folder], hazard=["curve.csv"])
+        toppling.constrain([whole.path], hazard=["curve.csv"])
 
 
 @pytest.mark.thorough
 def test_a_report_is_one_page(whole, tmp_path):
-    written = toppling.report(whole.run, tmp_path / "report.html", samples=20)
+    written = toppling.report(whole, tmp_path / "report.html", samples=20)
     assert "</html>" in written.page.read_text("utf-8")
     assert written.pdf is None
 

@@ -12,7 +12,7 @@ import pytest
 from answers import answers_of
 from distributed import Client, LocalCluster
 
-from toppling.orchestrator import cluster, cluster_supervisor
+from toppling.orchestrator import cluster, dask_cluster
 from toppling.orchestrator.cluster import load_defaults
 from toppling.orchestrator.plan import plan_of
 from toppling.orchestrator.run import run
@@ -117,8 +117,8 @@ def test_a_cluster_grows_while_there_is_work_shrinks_when_there_is_less_and_give
     import dask
 
     dask.config.refresh()
-    monkeypatch.setattr(cluster_supervisor, "_WORTH_A_WORKER_S", 0.5)
-    monkeypatch.setattr(cluster_supervisor, "_ADAPT_PAUSE_S", "300ms")
+    monkeypatch.setattr(dask_cluster, "_WORTH_A_WORKER_S", 0.5)
+    monkeypatch.setattr(dask_cluster, "_ADAPT_PAUSE_S", "300ms")
     slow = undisturbed[0]["job_id"]
     faults.set(**{slow: 20.0}, every=0.3)
     sizes = []

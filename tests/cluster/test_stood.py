@@ -69,7 +69,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def plain(folder, client):
-    return run(folder / "plain.toml", folder / "run", cluster=client).folder
+    return run(folder / "plain.toml", folder / "run", cluster=client).path
 
 
 @pytest.mark.thorough
@@ -128,7 +128,7 @@ def test_a_campaigns_weights_are_the_same_on_any_number_of_workers_and_as_constr
 
 
 def test_a_motion_of_unknown_azimuth_shakes_from_all_sides(folder, client):
-    out = run(folder / "unoriented.toml", folder / "unoriented-run", cluster=client).folder
+    out = run(folder / "unoriented.toml", folder / "unoriented-run", cluster=client).path
     shakes = open_run(out / FOLDER / "from_all_sides" / "run").frame()
     assert sorted(shakes["azimuth_deg"].unique()) == [45.0 * number for number in range(8)]
     (weights,) = Weights.read(out).by_contact.values()

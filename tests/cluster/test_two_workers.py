@@ -18,10 +18,10 @@ from refusals import refused
 
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
-from toppling.orchestrator.admission import check_workers
 from toppling.orchestrator.cli import cli
 from toppling.orchestrator.cluster import local
 from toppling.orchestrator.context import RunError, RunProgress, Work
+from toppling.orchestrator.dask_cluster import check_workers
 from toppling.orchestrator.plan import plan, plan_of
 from toppling.orchestrator.run import run
 from toppling.orchestrator.status import state_of
@@ -31,13 +31,13 @@ from toppling.results.reader import open_run
 
 
 def test_two_workers_give_the_rows_of_one_process_bit_for_bit(whole, undisturbed):
-    assert answers_of(whole.folder) == undisturbed
+    assert answers_of(whole.path) == undisturbed
     session = whole.session
     assert (session.done, session.failed, session.before) == (len(undisturbed), 0, 0)
-    assert state_of(whole.folder)["state"] == "complete"
-    kept = json.loads(pq.read_schema(whole.folder / "results.parquet").metadata[b"run.json"])
+    assert state_of(whole.path)["state"] == "complete"
+    kept = json.loads(pq.read_schema(whole.path / "results.parquet").metadata[b"run.json"])
     assert [(one["ended"], one["done"]) for one in kept["sessions"]] == [("complete", session.done)]
-    told = [json.loads(line) for line in (whole.folder / "run.log").read_text().splitlines()]
+    told = [json.loads(line) for line in (whole.path / "run.log").read_text().splitlines()]
     assert (told[0]["event"], told[0]["jobs"]) == ("session began", len(undisturbed))
     ended = ("session ended", "complete", len(undisturbed))
     assert (told[-1]["event"], told[-1]["how"], told[-1]["done"]) == ended

@@ -217,11 +217,21 @@ def test_each_room_names_in_its_face_exactly_what_others_take_from_it():
 
 @pytest.mark.parametrize(("module", "unneeded"), [
     ("models.scene", "numba"), ("orchestrator.status", "numba pandas scipy trimesh distributed"),
-    ("orchestrator.verbs.query", "numba scipy trimesh distributed"),
 ])  # fmt: skip
 def test_what_takes_long_to_load_is_loaded_by_those_who_need_it(module, unneeded):
     asked = f"import sys, toppling.{module}; sys.exit(bool(set({unneeded.split()}) & sys.modules.keys()))"
     assert subprocess.run([sys.executable, "-c", asked], check=False).returncode == 0
+
+
+def test_the_help_of_no_verb_loads_what_only_its_work_needs():
+    heavy = {"numba", "pandas", "scipy", "trimesh", "matplotlib", "jinja2", "obspy", "distributed", "open3d"}
+    verbs = sorted(path.stem for path in (ROOT / "orchestrator/verbs").glob("[!_]*.py"))
+    asked = f"""import importlib, sys
+for verb in {verbs}:
+    importlib.import_module(f"toppling.orchestrator.verbs.{{verb}}")
+    if loaded := {heavy} & sys.modules.keys():
+        sys.exit(f"{{verb}} loads {{loaded}}")"""
+    assert not subprocess.run([sys.executable, "-c", asked], check=False, capture_output=True).stderr
 
 
 def test_nothing_read_from_disk_can_be_unpickled():

@@ -10,7 +10,7 @@ from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import CATALOG, Ensemble
 from toppling.models.scene import Scene
-from toppling.results.analysis import fits, resampling
+from toppling.results.analysis import HEADLINE_MEASURE, fits, resampling
 from toppling.results.analysis.constraint import Constraint
 from toppling.results.analysis.fragility import FRICTION, by_contact, contact_words
 from toppling.results.analysis.lognormal import Lognormal
@@ -30,7 +30,7 @@ class Contact(fits.ContactFits):
     @property
     def headline(self) -> Lognormal | None:
         """Curve that the report begins with; None where there is none."""
-        return self.curves.get(fits.HEADLINE_MEASURE) or self.best
+        return self.curves.get(HEADLINE_MEASURE) or self.best
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ import pyarrow as pa
 import pytest
 from distributed.comm import CommClosedError
 
-from toppling.orchestrator import admission, cluster_supervisor, task
+from toppling.orchestrator import dask_cluster, task
 from toppling.orchestrator.context import RunError
 from toppling.workers.job import JobSpec
 
@@ -25,9 +25,9 @@ def test_a_worker_that_leaves_while_all_are_asked_is_no_lost_scheduler(cluster, 
         if len(asked) < 3:
             raise OSError("Stream is closed")
 
-    monkeypatch.setattr(admission, "let_leave_in_order", ask)
-    monkeypatch.setattr(admission, "check_workers", lambda *_, **__: None)
-    admission.make_ready(client)
+    monkeypatch.setattr(dask_cluster, "let_leave_in_order", ask)
+    monkeypatch.setattr(dask_cluster, "check_workers", lambda *_, **__: None)
+    dask_cluster.make_ready(client)
     assert len(asked) == 3
 
 
@@ -38,10 +38,10 @@ def test_a_scheduler_of_ours_that_is_lost_is_not_waited_for(monkeypatch):
         client.status = "connecting"
         raise OSError("Stream is closed")
 
-    monkeypatch.setattr(admission, "let_leave_in_order", ask)
-    monkeypatch.setattr(admission, "check_workers", lambda *_, **__: None)
+    monkeypatch.setattr(dask_cluster, "let_leave_in_order", ask)
+    monkeypatch.setattr(dask_cluster, "check_workers", lambda *_, **__: None)
     with pytest.raises(RunError, match=r"the connection to the scheduler is lost$"):
-        admission.make_ready(client)
+        dask_cluster.make_ready(client)
 
 
 @pytest.mark.parametrize("cluster", [None, object()], ids=["somebody else's", "ours"])
@@ -59,9 +59,9 @@ def test_what_a_disk_or_a_limit_refuses_is_told_as_that_at_once(number, path, cl
     def ask(*_, **__):
         raise refused
 
-    monkeypatch.setattr(admission, "check_workers", ask)
+    monkeypatch.setattr(dask_cluster, "check_workers", ask)
     with pytest.raises(OSError, match=os.strerror(number)) as told:
-        admission.make_ready(client)
+        dask_cluster.make_ready(client)
     assert told.value is refused
 
 
@@ -78,7 +78,7 @@ def test_what_a_disk_or_a_limit_refuses_is_told_as_that_at_once(number, path, cl
     ], ids=repr,
 )  # fmt: skip
 def test_what_a_network_refuses_may_be_a_lost_scheduler(error):
-    assert admission.may_be_lost(error)
+    assert dask_cluster.may_be_lost(error)
 
 
 JOB = {"record_id": "R", "pga_m_s2": 1.0, "azimuth_deg": 0.0, "friction_static": 0.9, "friction_kinetic": 0.9,
@@ -126,8 +126,8 @@ def test_a_minute_without_workers_is_told_once_with_the_address_and_the_remedy(c
     client = SimpleNamespace(
         cluster=cluster, scheduler=SimpleNamespace(address="tcp://node1:8786"), nthreads=lambda: workers
     )
-    monkeypatch.setattr(cluster_supervisor.time, "monotonic", lambda: now[0])
-    supervisor = cluster_supervisor.ClusterSupervisor(client)
+    monkeypatch.setattr(dask_cluster.time, "monotonic", lambda: now[0])
+    supervisor = dask_cluster.DaskCluster(client)
 
     def said(at_s):
         now[0] = at_s

@@ -22,7 +22,7 @@ from toppling.orchestrator.cluster import (
     local,
     queue,
 )
-from toppling.orchestrator.cluster_supervisor import ClusterSupervisor
+from toppling.orchestrator.dask_cluster import DaskCluster
 from toppling.orchestrator.run_folder import KEY_FOLDERS
 
 ROOT = Path(__file__).parents[3]
@@ -185,7 +185,7 @@ def test_a_batch_job_that_has_ended_with_all_its_workers_is_submitted_again_and_
     client = SimpleNamespace(
         cluster=cluster, sync=lambda function, *given, callback_timeout: function(*given)
     )
-    supervisor = ClusterSupervisor(client)
+    supervisor = DaskCluster(client)
     assert supervisor.gone() == []
     cluster.here = {"first-0", "first-1"}
     assert supervisor.gone() == []

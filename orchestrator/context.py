@@ -50,18 +50,10 @@ class RunProgress:
         return self.done / self.elapsed_s
 
     @property
-    def left_s(self) -> float | None:
-        """Time left at the current rate, s; balanced blocks make the remaining jobs as costly as those done."""
-        return self._left / self.rate if self.done else None
-
-    @property
     def work_left_s(self) -> float:
         """Remaining work of a single process at the mean cost so far, s; 0 before the first job."""
-        return self._left * self.work_s / self.done if self.done else 0.0
-
-    @property
-    def _left(self) -> int:
-        return max(self.total - self.before - self.done, 0)
+        left = max(self.total - self.before - self.done, 0)
+        return left * self.work_s / self.done if self.done else 0.0
 
     @property
     def failed(self) -> int:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, TypeVar
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from toppling.orchestrator.terminal import plain_text, terminal_of
 
@@ -28,8 +28,10 @@ _Item = TypeVar("_Item")
 class Advance:
     """Counter of the finished parts of a piece of work, called after each part."""
 
+    what: str
     total: float | None
     done: float = 0.0
+    before: float = 0.0  # of the finished parts those of an earlier session
     doing: str = ""
     began: float = field(default_factory=time.monotonic)
     show: Callable[[Advance], object] = lambda _: None
@@ -41,15 +43,26 @@ class Advance:
         self.total = self.total if total is None else total
         self.show(self)
 
-    def line(self, what: str) -> str:
+    @property
+    def left(self) -> str:
+        """Time left at the mean pace; empty where it is not known."""
+        new = self.done - self.before
+        if not self.total or new <= 0 or self.done >= self.total:
+            return ""
+        return f"{duration((time.monotonic() - self.began) * (self.total - self.done) / new)} left"
+
+    @property
+    def line(self) -> str:
         """Progress in one line."""
-        counted = f"{self.done:g}" if self.done else ""  # indivisible work has no count
-        of = counted if self.total is None else f"{self.done:g} of {self.total:g}"
-        elapsed_s = time.monotonic() - self.began
-        parts = [f"{what}: {of}" if of else what, *([self.doing] if self.doing else []), duration(elapsed_s)]
-        if self.total and 0 < self.done < self.total:
-            parts.append(f"{duration(elapsed_s * (self.total / self.done - 1.0))} left")
-        return "  ".join(parts)
+        counted = f"{self.done:,.10g}" if self.done else ""  # indivisible work has no count
+        of = counted if self.total is None else f"{self.done:,.10g} of {self.total:,.10g}"
+        told = [
+            f"{self.what}: {of}" if of else self.what,
+            self.doing,
+            duration(time.monotonic() - self.began),
+            self.left,
+        ]
+        return "  ".join(filter(None, told))
 
 
 @contextmanager
@@ -60,35 +73,50 @@ def bar(
     first_line_s: float = _FIRST_LINE_S,
     line_every_s: float = _LINE_EVERY_S,
 ) -> Iterator[Advance]:
-    """Show progress on stderr, as a bar on a terminal or as lines in a log.
+    """Show progress on stderr, as a bar on a terminal or as lines in a log, one more for each new activity.
 
     what: label before the numbers.
     total: number of parts of the work; None if unknown.
     first_line_s: time before the first line in a log, s; shorter work logs nothing.
     """
     console = Console(file=terminal_of(sys.stderr))
-    advance = Advance(total)
-    ended = threading.Event()
+    advance = Advance(what, total)
     if console.is_terminal:
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[left]}"),
+        )
         with Progress(*columns, console=console, transient=True) as shown:
-            task = shown.add_task(what, total=total)
+            task = shown.add_task(what, total=total, left="")
             advance.show = lambda state: shown.update(
                 task,
                 completed=state.done,
                 total=state.total,
-                description=plain_text(f"{what} {state.doing}".rstrip()),
+                description=plain_text(f"{state.what} {state.doing}".rstrip()),
+                left=state.left,
             )
             yield advance
         return
+    ended, told = threading.Event(), [what]
 
     def speak() -> None:
+        console.print(plain_text(advance.line), soft_wrap=True, markup=False, highlight=False)
+
+    def speak_on() -> None:
         wait_s = first_line_s
         while not ended.wait(wait_s):
             wait_s = line_every_s
-            console.print(plain_text(advance.line(what)), soft_wrap=True, markup=False, highlight=False)
+            speak()
 
-    speaker = threading.Thread(target=speak, name="progress", daemon=True)
+    def show(state: Advance) -> None:
+        if state.what != told[-1]:
+            told.append(state.what)
+            speak()
+
+    advance.show = show
+    speaker = threading.Thread(target=speak_on, name="progress", daemon=True)
     speaker.start()
     try:
         yield advance
@@ -108,51 +136,22 @@ def each(items: Iterable[_Item], what: str, total: float | None = None) -> Itera
 @contextmanager
 def watcher() -> Iterator[ProgressCallback]:
     """Show the progress of a run on stderr, as a bar on a terminal or as lines in a log."""
-    console = Console(file=terminal_of(sys.stderr))
-    if not console.is_terminal:
-        yield _lines(console)
-        return
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    with Progress(*columns, TextColumn("{task.fields[pace]}"), console=console) as shown:
-        task = shown.add_task("shaking", total=None, pace="starting workers")
+    with bar("shaking") as advance:
 
         def watch(run: RunProgress) -> None:
-            pace = pace_and_counts(run)
-            shown.update(
-                task, total=run.total, completed=run.before + run.done, description=run.what, pace=pace
-            )
+            advance.what, advance.total, advance.doing = run.what, run.total, pace_and_counts(run)
+            advance.done, advance.before, advance.began = run.before + run.done, run.before, run.began
+            advance.show(advance)
 
         yield watch
 
 
-def _lines(console: Console) -> ProgressCallback:
-    last, ended, shown, what = time.monotonic(), "", False, ""
-
-    def watch(progress: RunProgress) -> None:
-        nonlocal last, ended, shown, what
-        complete = progress.before + progress.done == progress.total and progress.what != ended
-        begins = progress.what not in ("shaking", what)
-        # The first line waits until the remaining time can be estimated.
-        wait_s = _LINE_EVERY_S if shown or not progress.done else _FIRST_LINE_S
-        if begins or complete or time.monotonic() - last >= wait_s:
-            last, shown = time.monotonic(), True
-            ended, what = progress.what if complete else ended, progress.what
-            named = "" if what == "shaking" else f"{what}: "
-            done = f"{progress.before + progress.done}/{progress.total} jobs"
-            console.print(f"{named}{done}  {pace_and_counts(progress)}".rstrip(), soft_wrap=True)
-
-    return watch
-
-
 def pace_and_counts(progress: RunProgress) -> str:
-    """Rate, time left, toppled and failed jobs of a session in one line; empty before its first job."""
+    """Rate, toppled and failed jobs of a session in one line; empty before its first job."""
     if not progress.done:
         return ""
     since = f"of {progress.done} now " if progress.before else ""
-    parts = [pace(progress.rate), f"{since}{progress.toppled} toppled", f"{progress.failed} failed"]
-    if progress.left_s is not None and progress.before + progress.done < progress.total:
-        parts.insert(1, f"{duration(progress.left_s)} left")
-    return "  ".join(parts)
+    return f"{pace(progress.rate)}  {since}{progress.toppled} toppled  {progress.failed} failed"
 
 
 def pace(rate_per_s: float) -> str:

@@ -7,25 +7,27 @@ import pytest
 
 from toppling.orchestrator.compiling import COMPILING
 from toppling.orchestrator.context import RunProgress
-from toppling.orchestrator.progress import bar, duration, pace, pace_and_counts, watcher
+from toppling.orchestrator.progress import Advance, bar, duration, pace, pace_and_counts, watcher
 
 
 @pytest.mark.parametrize(("done", "elapsed_s"), [(10, 2.0), (10, 400.0), (2000, 4.0)])
-def test_the_time_left_agrees_with_the_rate_beside_it(done, elapsed_s):
-    progress = RunProgress(total=4320, before=320, began=0.0, ended=elapsed_s)
-    assert "left" not in pace_and_counts(progress)
+def test_the_time_left_agrees_with_the_rate_beside_it(done, elapsed_s, monkeypatch):
+    monkeypatch.setattr(time, "monotonic", lambda: elapsed_s)
+    shown = Advance("shaking", 4320.0, 320.0 + done, before=320.0, began=0.0)
+    run = RunProgress(total=4320, before=320, began=0.0)
     rows = {"status": ["ok"] * done, "toppled": [False] * done, "wall_s": [0.1] * done}
-    progress.count(pa.table(rows))
-    rate, left = (4000 - done) / progress.left_s, duration(progress.left_s)
-    assert rate == pytest.approx(done / elapsed_s)
-    assert pace_and_counts(progress).startswith(f"{pace(rate)}  {left} left  of {done} now 0 toppled")
+    run.count(pa.table(rows))
+    assert run.rate == pytest.approx(done / elapsed_s)
+    assert pace_and_counts(run) == f"{pace(run.rate)}  of {done} now 0 toppled  0 failed"
+    assert shown.left == f"{duration((4000 - done) / run.rate)} left"
 
 
-def test_an_activity_before_the_jobs_is_told_as_it_begins(capsys):
+def test_an_activity_is_told_as_it_begins(capsys):
     with watcher() as watch:
         for what in (COMPILING, COMPILING, "shaking"):
-            watch(RunProgress(total=288, before=0, what=what))
-    assert capsys.readouterr().err.splitlines() == [f"{COMPILING}: 0/288 jobs"]
+            watch(RunProgress(total=1288, before=0, what=what))
+    lines = capsys.readouterr().err.splitlines()
+    assert lines == [f"{COMPILING}: 0 of 1,288  0 s", "shaking: 0 of 1,288  0 s"]
 
 
 def test_without_a_terminal_work_speaks_in_lines_even_while_no_part_ends(capsys):

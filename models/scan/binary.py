@@ -27,6 +27,8 @@ _POINTS_PER_BYTE = {".las": 1, ".laz": 256, ".e57": 8}
 """More than so many cannot be packed into a byte: a million points that are all equal take 7 kB of LAZ, 140 to one."""
 _POINTS_AT_ONCE = 500_000
 _PCD_HEADER_BYTES = 8192
+_RECORDS = (100, 54), (243, 60)
+"""Where a LAS file counts its records and its extended ones, and the fewest bytes that one takes."""
 _WKT = 2112
 """LAS's record of a coordinate system in words."""
 _UNIT_QUATERNION = 1e-3
@@ -49,6 +51,12 @@ def las(path: Path) -> Points:
     """
     import laspy
 
+    with path.open("rb") as file:
+        head = file.read(247)
+    # laspy makes each record that a header counts, also behind the end of the file; extended ones are since 1.4.
+    for at, least_bytes in _RECORDS if head[25:26] >= b"\x04" else _RECORDS[:1]:
+        count = int.from_bytes(head[at : at + 4], "little")
+        _check_room(least_bytes * count, path.stat().st_size, count, path, "records")
     with laspy.open(path) as source:
         header = source.header
         system = _said(lambda: _las_system(source, path))
@@ -75,10 +83,8 @@ def las(path: Path) -> Points:
             )
     points = points[:filled]
     left_out = {"are withheld or classed as noise": read - filled}
-    return system | {"step": coordinate_steps(points).tolist(), "left_out": left_out}, [
-        points,
-        station[:filled],
-    ]
+    told = system | {"step": coordinate_steps(points).tolist(), "left_out": left_out}
+    return told, [points, station[:filled]]
 
 
 def _deleted(points: Any) -> Flags:
@@ -337,10 +343,10 @@ def _check_count(count: int, path: Path) -> None:
     _check_room(count, path.stat().st_size * _POINTS_PER_BYTE[path.suffix.lower()], count, path)
 
 
-def _check_room(needed: int, room: int, count: int, path: Path) -> None:
+def _check_room(needed: int, room: int, count: int, path: Path, what: str = "points") -> None:
     if needed > room:
         raise _damaged(
             "file.truncated",
-            f"its header counts {count} points, more than the file can hold: truncated or damaged",
+            f"its header counts {count} {what}, more than the file can hold: truncated or damaged",
             path,
         )

@@ -45,7 +45,6 @@ def panics(path):
 
 @pytest.fixture
 def reads(tmp_path, monkeypatch):
-    """Read a small file with one of the readers above."""
     (tmp_path / "hostile_readers.py").write_text(READERS)
     file = tmp_path / "file.dat"
     file.write_text("small")
@@ -137,10 +136,11 @@ def test_a_ply_that_does_not_hold_what_it_declares_is_refused(tmp_path, content,
         read_clouds([tmp_path / "cloud.ply"])
 
 
-def test_points_that_a_las_cannot_hold_are_not_made_room_for(tmp_path):
-    path = las(tmp_path / "cloud.laz", POINTS_M)
+@pytest.mark.parametrize(("at", "version"), [(107, "1.2"), (100, "1.2"), (100, "1.4"), (243, "1.4")])
+def test_points_and_records_that_a_las_cannot_hold_are_not_made_room_for(tmp_path, at, version):
+    path = las(tmp_path / "cloud.laz", POINTS_M, version=version)
     bad = bytearray(path.read_bytes())
-    bad[107:111] = (2**32 - 1).to_bytes(4, "little")  # the legacy count of points
+    bad[at : at + 4] = (2**32 - 1).to_bytes(4, "little")
     path.write_bytes(bad)
     with refused("file.truncated", 4294967295):
         read_clouds([path])
@@ -160,8 +160,6 @@ def test_a_pcd_that_lacks_points_is_refused_and_not_filled(tmp_path, data):
 
 
 class Trap:
-    """Leaves a mark where it is unpickled."""
-
     def __init__(self, mark):
         self.mark = mark
 

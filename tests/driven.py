@@ -75,7 +75,6 @@ class Browser:
         self._act({"type": "pointer", "id": "mouse", "actions": steps})
 
     def drag(self, start, end):
-        """Press at one place, move to another and release."""
         moves = [
             {"type": "pointerMove", "duration": 60, "x": round(x), "y": round(y)} for x, y in (start, end)
         ]
@@ -83,7 +82,6 @@ class Browser:
         self._act({"type": "pointer", "id": "mouse", "actions": [moves[0], press, moves[1], release]})
 
     def keys(self, *keys, held=None):
-        """Press and release keys, one after the other, while another may be held."""
         steps = [{"type": kind, "value": key} for key in keys for kind in ("keyDown", "keyUp")]
         if held:
             steps = [{"type": "keyDown", "value": held}, *steps, {"type": "keyUp", "value": held}]
@@ -106,7 +104,6 @@ class Browser:
 
 @contextmanager
 def browsing(profile, **size):
-    """A browser that ends with the block."""
     driver = subprocess.Popen(
         [DRIVER, "--port=0"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
     )

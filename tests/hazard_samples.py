@@ -30,7 +30,6 @@ def openquake_curves(path: Path, kind: str, imt: str, levels, rows, years: float
 
 
 def realisations(folder: Path, weights, paths=PATHS, name="realizations.csv") -> None:
-    """OpenQuake's table of the branches of a logic tree."""
     rows = [f"{n},{path},{weight}" for n, (path, weight) in enumerate(zip(paths, weights, strict=False))]
     (folder / name).write_text("\n".join(["rlz_id,branch_path,weight", *rows]) + "\n")
 

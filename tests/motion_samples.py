@@ -52,7 +52,6 @@ def edited(folder: Path, name: str, *changes, motion: np.ndarray | None = None) 
 
 
 def only(outcome: Import) -> Record:
-    """The record of an import that left nothing out."""
     assert [str(refusal.reason) for refusal in outcome.refusals] == []
     (record,) = outcome.records
     return record
@@ -64,7 +63,6 @@ def peak_of(series: np.ndarray) -> float:
 
 
 def rows(values: np.ndarray, form: str, across: int) -> str:
-    """Numbers in Fortran columns."""
     texts = [format(v, form) for v in values]
     return "".join("".join(texts[i : i + across]) + "\n" for i in range(0, len(texts), across))
 

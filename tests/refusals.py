@@ -17,7 +17,6 @@ def refused(code, *named, kind=InputError):
 
 
 def tells(output, code, *named):
-    """Assert that an output names a code, and each of some values."""
     assert f"[{code}]" in output, output
     for each in named:
         assert str(each) in output, (each, output)

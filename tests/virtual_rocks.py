@@ -56,7 +56,6 @@ def dented(mesh: virtual.Mesh, height_m: float, depth_m: float, half_width_m: fl
 
 
 def turned(radii_m: Array, heights_m: Array) -> virtual.Mesh:
-    """A body of revolution."""
     rings = np.repeat(radii_m[:, None], 96, axis=1)
     return virtual.lathe(rings, heights_m, np.zeros((len(heights_m), 2)), 96)
 

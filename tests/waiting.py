@@ -4,7 +4,6 @@ import time
 
 
 def wait_until(holds, seconds=120.0, pause_s=0.1):
-    """Wait until a function returns something true, and return it."""
     end = time.monotonic() + seconds
     while not (found := holds()):
         assert time.monotonic() < end, "waited in vain"

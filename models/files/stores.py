@@ -637,7 +637,7 @@ def _copy_of(path: str | os.PathLike[str]) -> Copy:
 
     Raises InputError as `Copy` and `Copy.pull`.
     """
-    address = address_of(path)
+    address = _address_of(path)
     if address not in _COPIES:
         copy = _copy(address)
         copy.pull()
@@ -655,7 +655,7 @@ def at_hand(path: str | os.PathLike[str]) -> Path:
     """A folder of this machine as it is; of one in a store, the copy; of a rock of a run there, its place in that."""
     if not is_store(path):
         return local(path)
-    run, inner, rock = address_of(path).rpartition("/scenes/")
+    run, inner, rock = _address_of(path).rpartition("/scenes/")
     if inner and "/" not in rock and is_store(run) and _copy(run).holds_run():
         return _copy_of(run).path / "scenes" / rock
     return _copy_of(path).path
@@ -705,12 +705,12 @@ def is_store(path: str | os.PathLike[str]) -> bool:
     return found is not None and found[1].lower() in kinds()
 
 
-def address_of(path: str | os.PathLike[str]) -> str:
+def _address_of(path: str | os.PathLike[str]) -> str:
     """An address as its store wants it.
 
     Examples
     --------
-    >>> address_of("S3:/bucket/run/")
+    >>> _address_of("S3:/bucket/run/")
     's3://bucket/run'
     """
     text = os.fspath(path)

@@ -63,7 +63,7 @@ class Relief:
         paraboloid = 0.5 * self.curvature_per_m * (off_m**2).sum(axis=1)
         shape += np.outer(paraboloid, paraboloid) + self.slope**2 * (off_m @ off_m.T)
         if self.bowl_m:
-            bowls = self.bowl_m * way_out(places_m)[:, None] ** np.array(self.bowl_powers)
+            bowls = self.bowl_m * _way_out(places_m)[:, None] ** np.array(self.bowl_powers)
             shape += bowls @ bowls.T
         return self.level_m**2 + shape + self.rough_m**2 * _matern(apart / self.rough_length_m)
 
@@ -108,7 +108,7 @@ class GapDraw:
     log_likelihood: float = 0.0  # of the seen rim alone, given the places known to touch
 
 
-def way_out(places_m: Array) -> Array:
+def _way_out(places_m: Array) -> Array:
     """Share (n,) of the way from the middle of places to their convex outline: 0 in the middle, 1 on the outline."""
     outline, middle = ConvexHull(places_m).equations, places_m.mean(axis=0)
     reach = -(outline[:, :2] @ middle + outline[:, 2])

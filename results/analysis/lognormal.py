@@ -192,16 +192,6 @@ def parts_words(parts: Mapping[str, float]) -> str:
     return ", ".join(f"{name} ±{100 * part:.2g} %" for name, part in parts.items())
 
 
-def with_samples(curve: Lognormal, resampled: Resampled | None) -> Lognormal:
-    """Add bootstrap samples, if any, and the median's interval to a curve."""
-    if resampled is None or not len(resampled.coefficients):
-        return replace(curve, resampled=resampled)
-    ends = lognormal_interval(resampled)
-    interval = float(ends["median_low"]), float(ends["median_high"])
-    parts = _interval_parts(interval, resampled)
-    return replace(curve, median_interval=interval, interval_parts=parts, resampled=resampled)
-
-
 def _interval_parts(interval: tuple[float, float], resampled: Resampled) -> dict[str, float]:
     whole = 0.5 * math.log(interval[1] / interval[0])
     if resampled.over_records is None:
@@ -283,7 +273,14 @@ class Fit:
         """Equivalent lognormal fragility of a probit fit to one measure; None for other fits."""
         if self.problem or self.link != "probit" or len(self.measures) != 1:
             return None
-        return with_samples(_lognormal_of(self.measures[0], *self.coefficients), self.resampled)
+        curve = replace(_lognormal_of(self.measures[0], *self.coefficients), resampled=self.resampled)
+        if self.resampled is None or not len(self.resampled.coefficients):
+            return curve
+        ends = lognormal_interval(self.resampled)
+        interval = float(ends["median_low"]), float(ends["median_high"])
+        return replace(
+            curve, median_interval=interval, interval_parts=_interval_parts(interval, self.resampled)
+        )
 
     @property
     def surface(self) -> Surface | None:

@@ -167,12 +167,12 @@ def _rock_results(run: Run, contact: str, jobs: pd.DataFrame, measure: str, samp
         curve = curve_over(jobs, measure, samples, run.completeness())
         why_not = "" if curve else why_not
     azimuth_deg, least_m_s2 = weakest(run.quasi_static()) or (None, None)
-    found = on_earth(run)
+    found = _on_earth(run)
     place = None if found is None else (float(found[0, 0]), float(found[0, 1]))
     return RockResults(run, run.rock, contact, jobs, curve, why_not, place, azimuth_deg, least_m_s2)
 
 
-def on_earth(run: Run, offsets_m: ArrayLike = ((0.0, 0.0),)) -> Array | None:
+def _on_earth(run: Run, offsets_m: ArrayLike = ((0.0, 0.0),)) -> Array | None:
     """Longitude and latitude (n, 2) of points near a rock; None where its location is unknown.
 
     run: run of the rock, located by its atlas or its scan's coordinate system.
@@ -228,7 +228,7 @@ def directions_geojson(rocks: Sequence[RockResults]) -> dict[str, Any]:
         if rose is None:
             continue
         rose = rose[rose["toppled"] > 0]
-        ends = on_earth(
+        ends = _on_earth(
             rock.run,
             ARROW_M
             * rose["share_of_toppled"].to_numpy()[:, None]

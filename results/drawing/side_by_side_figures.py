@@ -109,7 +109,7 @@ def places_figure(rocks: Sequence[RockResults], measure: str, width_in: float = 
     with style():
         figure = Figure(figsize=(width_in, 0.72 * width_in), layout="constrained")
         axes = figure.subplots()
-        points = across_date_line(np.array([rock.place for rock in placed], float).reshape(-1, 2))
+        points = _across_date_line(np.array([rock.place for rock in placed], float).reshape(-1, 2))
         medians = np.array([rock.curve.median if rock.curve else np.nan for rock in placed])
         _frame_map(axes, points)
         bare = np.isnan(medians)
@@ -139,7 +139,7 @@ def _ring_sizes(points: np.ndarray) -> np.ndarray:
     return np.array(sizes)
 
 
-def across_date_line(points: np.ndarray) -> np.ndarray:
+def _across_date_line(points: np.ndarray) -> np.ndarray:
     """Longitudes and latitudes (n, 2), with longitudes continued beyond 180 degrees across the date line."""
     if len(points) < 2:
         return points
@@ -222,7 +222,7 @@ def scenarios_figure(rows: pd.DataFrame, matrix: pd.DataFrame) -> Figure:
         above, below = figure.subplots(2, 1, height_ratios=(height, 4.4))
         _draw_matrix(above, matrix, figure)
         places = [group[["longitude", "latitude"]].iloc[0] for _, group in placed]
-        points = across_date_line(np.array(places, float))
+        points = _across_date_line(np.array(places, float))
         fractions = np.array([_share_as_they_are(group) for _, group in placed])
         _frame_map(below, points)
         sizes, bare = _ring_sizes(points), np.isnan(fractions)

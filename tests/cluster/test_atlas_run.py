@@ -47,7 +47,6 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def atlas(client, folder, tmp_path_factory):
-    """The run of all rocks."""
     run_folder = tmp_path_factory.mktemp("run") / "atlas"
     planned = plan_of(Campaign.read(folder / "atlas.toml"))
     assert run(planned, run_folder, nullcontext(client), lambda _: None).done == 2 * 18
@@ -73,24 +72,6 @@ def test_rows_of_an_atlas_are_those_of_each_rock_alone_and_a_falling_rock_holds_
             assert of_rock[column].equals(alone[column]), column
     again = run(plan_of(campaign), atlas, nullcontext(client), lambda _: None)
     assert (again.done, again.before) == (0, 3 * 18)
-
-
-def test_a_rock_of_an_atlas_is_read_like_a_run_of_its_own_and_rows_are_not_pooled_unasked(atlas):
-    atlas = open_run(atlas)
-    rocks = {rock.rock: rock for rock in atlas.rocks}
-    assert list(rocks) == ["leaning", "narrow", "wide"]
-    frame = rocks["narrow"].frame()
-    assert (rocks["narrow"].planned(), len(frame), frame["rock"].unique().tolist()) == (18, 18, ["narrow"])
-    assert frame["scene_id"].unique().tolist() == rocks["narrow"].scene()["scene_id"].to_pylist()
-    assert rocks["leaning"].entry["problem"]
-    assert atlas.scene()["rock"].to_pylist() == list(rocks)
-    with refused("query.runs_differ"):
-        atlas.sql("select avg(toppled::int) from results")
-    by_rock = atlas.sql(
-        "select rock, avg(toppled::int) p from results group by rock order by rock"
-    ).to_pylist()
-    assert by_rock[1]["p"] == pytest.approx(frame["toppled"].mean())
-    assert rocks["wide"].sql("select count(*) n from results").to_pylist() == [{"n": 18}]
 
 
 def test_a_file_of_another_atlas_is_refused_by_name(atlas, tmp_path):

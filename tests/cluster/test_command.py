@@ -47,7 +47,6 @@ def ctrl_c_six_times(process):
 
 
 def stopped(inputs, run, stop):
-    """Begin a run, stop it once rows are stored: exit code and standard error."""
     # A session of its own, so that the signal reaches workers and client together, as from a terminal.
     process = subprocess.Popen(
         command(inputs, run, "--workers", "2"), start_new_session=True, stderr=subprocess.PIPE, text=True

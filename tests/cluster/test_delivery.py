@@ -21,7 +21,7 @@ from toppling.models.compiled import FOLDER
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.cluster import existing
-from toppling.orchestrator.dask_cluster import check_workers, make_ready
+from toppling.orchestrator.dask_cluster import make_ready
 from toppling.orchestrator.leaving import leaving_in_order
 from toppling.orchestrator.plan import plan_of
 from toppling.orchestrator.run import run
@@ -119,22 +119,6 @@ def test_workers_that_see_none_of_the_clients_disk_give_the_same_rows(
     for cache in hosts:
         kept = {place.name for place in (cache / "delivered").iterdir() if place.is_dir()}
         assert kept == {Scene.load(campaign.scene).id, Ensemble.load(campaign.ensemble).id}
-
-
-@hides_files
-def test_what_a_host_keeps_is_not_believed_when_it_is_something_else(
-    scheduler, planned, inputs, tmp_path, host_folders
-):
-    cache = cache_of_a_host(host_folders / "host")
-    place = cache / "delivered" / planned.scene_id
-    place.parent.mkdir()
-    Scene.block(0.2, 0.2, 0.5).save(place)
-    run_key = RunKey(str(inputs), planned.scene_id, planned.ensemble_id, versions())
-    with worker(scheduler, [inputs, tmp_path], cache), existing(str(scheduler)) as client:
-        with refused("cluster.workers_unfit", "holds scene", f"not {planned.scene_id}"):
-            check_workers(client, run_key)
-        check_workers(client, run_key)  # it was removed, and is sent anew
-        assert Scene.load(place).id == planned.scene_id
 
 
 @hides_files

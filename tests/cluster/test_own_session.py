@@ -21,9 +21,8 @@ from distributed.comm import connect
 from distributed.security import Security
 
 from toppling.orchestrator import session_key
-from toppling.orchestrator.cluster import _ClosedIfNotStarted, local
+from toppling.orchestrator.cluster import _ClosedIfNotStarted
 from toppling.orchestrator.session_key import write_key
-from toppling.orchestrator.worker_start import started_ahead
 
 
 def listening(client):
@@ -83,19 +82,6 @@ def test_workers_hear_nothing_of_ctrl_c_nor_do_those_that_come_in_their_place(cl
         os.kill(process, signal.SIGINT)
     time.sleep(1.0)
     assert set(client.run(os.getpid).values()) == there
-
-
-def test_processes_that_began_before_the_scheduler_are_its_workers_and_none_is_left():
-    me = psutil.Process()
-    before = set(me.children())
-    with started_ahead(1):
-        (ahead,) = set(me.children()) - before
-        with local(1) as client:
-            client.wait_for_workers(1)
-            assert [*client.run(os.getpid).values()] == [ahead.pid]
-    with started_ahead(1):  # of which none turns out to be needed
-        pass
-    assert set(me.children()) <= before
 
 
 @pytest.fixture(scope="module")

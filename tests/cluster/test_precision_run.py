@@ -1,6 +1,5 @@
 """On real workers: a run that ends with a statement does the jobs that one process would, however it went."""
 
-import dataclasses
 import os
 import signal
 import threading
@@ -12,15 +11,12 @@ from answers import sorted_answers
 from reference.idealised import ricker
 
 from toppling.models.motions.ensemble import Ensemble
-from toppling.models.motions.measures import LEVEL_MEASURES
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
-from toppling.orchestrator.campaign import Campaign, TargetSpec
+from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.plan import plan, plan_of
 from toppling.orchestrator.run import run
 from toppling.orchestrator.status import state_of
-from toppling.orchestrator.studies import precision
-from toppling.orchestrator.studies.precision import JobsForPrecision, _pools
 from toppling.results.precision.design import statements_of
 from toppling.results.reader import open_run
 from toppling.workers.job import Assets, run_job
@@ -95,18 +91,6 @@ def test_the_run_ends_with_a_statement_from_few_of_its_jobs_each_as_one_process_
     assert sorted_answers([run_job(planned.spec(places[row["job_id"]]), assets) for row in some]) == some
 
 
-def test_the_measures_that_levels_are_chosen_by_are_those_imposed(whole, planned, asking):
-    frame = open_run(whole).frame().set_index("job_id")
-    catalog = Ensemble.load(asking.ensemble).catalog.to_pandas().set_index("record_id").sort_index()
-    (pool,) = _pools(planned, catalog, list(LEVEL_MEASURES)).values()
-    ids = planned.jobs["job_id"].to_pylist()
-    for record, cell, level in np.ndindex(*pool.rows.shape):
-        job_id = ids[pool.rows[record, cell, level]]
-        if job_id in frame.index:
-            for name in LEVEL_MEASURES:
-                assert frame.loc[job_id, name] == pytest.approx(np.exp(pool.log_x[name][record, level]))
-
-
 def test_a_run_that_is_stopped_and_whose_workers_die_goes_on_to_the_same_rows(
     asking, client, whole, tmp_path, faults
 ):
@@ -127,31 +111,3 @@ def test_a_run_that_is_stopped_and_whose_workers_die_goes_on_to_the_same_rows(
     assert killed
     assert sorted_answers(open_run(folder).table()) == sorted_answers(open_run(whole).table())
     assert statements_of(folder) == statements_of(whole)
-
-
-def test_the_same_command_again_does_nothing_and_one_without_precision_goes_on_to_all_jobs(
-    asking, client, whole, planned
-):
-    before = (whole / "results.parquet").stat().st_mtime_ns
-    assert run(plan_of(asking), whole, nullcontext(client), silent).done == 0
-    assert (whole / "results.parquet").stat().st_mtime_ns == before
-    stored = len(open_run(whole).table())
-    with pytest.raises(StoppedError):
-        run(plan_of(dataclasses.replace(asking, precision=None)), whole, nullcontext(client), stop_after(0))
-    state = state_of(whole)
-    assert (state["state"], state["jobs"]) == ("interrupted", len(planned))
-    assert state["stored"] >= stored
-
-
-def test_every_target_has_rounds_of_its_own(planned, tmp_path, monkeypatch):
-    monkeypatch.setattr(precision, "set_jobs", lambda folder, jobs: None)  # of a run that has not begun
-    (tmp_path / "curve.csv").write_text("pgv_m_s,annual_rate\n0.1,1e-2\n1,1e-4\n3,1e-6\n")
-    for asked in (
-        TargetSpec("p05"),
-        TargetSpec(measure="pga_m_s2", at=4.0),
-        TargetSpec(hazard=tmp_path / "curve.csv"),
-    ):
-        wanted = JobsForPrecision(planned, tmp_path, 0.1, asked)
-        first = wanted.pending(set())
-        assert 0 < len(first) < len(planned)
-        assert set(first) <= set(range(len(planned)))

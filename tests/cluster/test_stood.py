@@ -17,9 +17,9 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.orchestrator.cli import cli
-from toppling.orchestrator.recorded import FOLDER, SHAKES
+from toppling.orchestrator.recorded import SHAKES
 from toppling.results.reader import open_run
-from toppling.results.weights import WEIGHTS_FILE, Weights
+from toppling.results.weights import WEIGHTS_FILE
 
 CAMPAIGN = """\
 scene = "scene"
@@ -57,13 +57,11 @@ def folder(tmp_path_factory):
     )
     for name, pga_m_s2, azimuths in (
         ("strong", 2.0, (0.0, 90.0)), ("weak", 0.3, (0.0, 90.0)), ("across", 2.0, (90.0, 180.0)),
-        ("unoriented", 2.0, None),
     ):  # fmt: skip
         motion = ricker(pga_m_s2, 1.2, 90.0 if name == "across" else 0.0)
         Ensemble.write(place / name, [Record.of(name, motion, component_azimuths_deg=azimuths)])
     (place / "plain.toml").write_text(CAMPAIGN)
-    for name in ("strong", "unoriented"):
-        (place / f"{name}.toml").write_text(f'{CAMPAIGN}stood = ["{name}"]\n')
+    (place / "strong.toml").write_text(f'{CAMPAIGN}stood = ["strong"]\n')
     return place
 
 
@@ -125,14 +123,6 @@ def test_a_campaigns_weights_are_the_same_on_any_number_of_workers_and_as_constr
     flip(one.path / WEIGHTS_FILE)
     with refused("file.damaged", one.path / WEIGHTS_FILE):
         toppling("run", folder / "strong.toml", "--out", one.path, "--no-estimate")
-
-
-def test_a_motion_of_unknown_azimuth_shakes_from_all_sides(folder, client):
-    out = run(folder / "unoriented.toml", folder / "unoriented-run", cluster=client).path
-    shakes = open_run(out / FOLDER / "from_all_sides" / "run").frame()
-    assert sorted(shakes["azimuth_deg"].unique()) == [45.0 * number for number in range(8)]
-    (weights,) = Weights.read(out).by_contact.values()
-    assert weights[0] > 1.0 > weights[1]
 
 
 @pytest.mark.parametrize(

@@ -56,7 +56,7 @@ def call(folder, *words, **environment):
         name: value for name, value in os.environ.items() if name != "PYTHONSAFEPATH"
     } | environment
     return subprocess.run(
-        [COMMAND, *words], cwd=folder, env=environment, capture_output=True, text=True, timeout=570
+        [COMMAND, *words], cwd=folder, env=environment, capture_output=True, text=True, timeout=1700
     )
 
 
@@ -73,6 +73,7 @@ def test_the_trap_works_on_a_python_that_is_started_carelessly(hostile):
     assert "colorsys" in executed(mark)
 
 
+@pytest.mark.timeout(1800)  # what compiles waits for other work on the machine
 @pytest.mark.parametrize(
     "compiled",
     [pytest.param(True, marks=pytest.mark.thorough), pytest.param(False, marks=pytest.mark.slow)],

@@ -176,7 +176,6 @@ def example(inputs):
 
 
 def carry_out(block, folder):
-    """Do what a block says, in a folder."""
     if block.kind == "sh":
         for words in commands(shortened(block.text, folder)):
             look_at(words) if block.how == "parsed" else call(words, folder)

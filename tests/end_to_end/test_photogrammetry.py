@@ -16,13 +16,8 @@ MM_Y_UP = np.array([[1000.0, 0.0, 0.0], [0.0, 0.0, 1000.0], [0.0, -1000.0, 0.0]]
 
 
 def scanned(folder, name, *words):
-    """The command's answer; the scene lies in the folder of the name."""
     told = subprocess.run(
-        [*COMMAND, *words, "--out", name],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=False,
+        [*COMMAND, *words, "--out", name], cwd=folder, capture_output=True, text=True, check=False
     )
     return told, json.loads((folder / name / "scene.json").read_text()) if told.returncode == 0 else None
 

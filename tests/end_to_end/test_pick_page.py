@@ -33,7 +33,6 @@ def cloud(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def page(cloud):
-    """The command, and a browser that shows its page."""
     words = [str(cloud), "--out", str(cloud.parent / "rock"), "--pick", "--no-open"]
     command = subprocess.Popen([*COMMAND, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
@@ -125,25 +124,6 @@ def test_the_base_is_said_by_its_controls_and_touches_alone_once_there_are_three
     for _ in range(4):
         browser.keys("z", held=CONTROL)
     browser.until(f"{IDLE} == 'true' && {said[7:]} == 'none yet'")
-
-
-@needs_driver
-def test_a_pull_is_said_by_a_bearing_and_told_by_one(page):
-    browser, _ = page
-    said = "document.getElementById('hints').innerText"
-    browser.run("""
-        const form = document.getElementById("pull");
-        form.azimuth.value = "N40E";
-        form.ratio.value = "0.3";
-        form.requestSubmit();
-    """)
-    browser.until(f"{said}.includes('of the weight toward N40E')")
-    assert (
-        browser.run("return document.getElementById('view').ownerDocument.querySelector('#pull input').value")
-        == ""
-    )
-    browser.keys("z", held=CONTROL)
-    browser.until(f"{IDLE} == 'true' && {said} == 'none yet'")
 
 
 @needs_driver

@@ -64,7 +64,6 @@ BOX = trimesh.creation.box((0.4, 0.5, 1.2))
 
 
 def _write_las_of_feet(path: Path) -> None:
-    """With the coordinate system in words, and in GeoTIFF's keys."""
     words = pyproj.CRS.from_user_input("EPSG:2229+6360").to_wkt("WKT1_GDAL")
     version = "1.4" if path.suffix == ".las" else "1.2"
     las(path, POINTS_M, wkt=words, keys=[(1024, 1), (3072, 2229), (4099, 9003)], version=version)
@@ -275,7 +274,6 @@ def _read_campaign(path: Path) -> Any:
 
 
 def _of_file(name: str, text: str, read: Callable[[Path], Any]) -> Reader:
-    """Of one file of text, which is read by its path."""
     return Reader(lambda folder: (folder / name).write_text(text), lambda folder: read(folder / name))
 
 

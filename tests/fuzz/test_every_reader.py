@@ -65,7 +65,6 @@ def of_another_system(content: bytes, way: str) -> bytes:
 
 
 def changed(content: bytes, change: tuple) -> bytes:
-    """Content after one change."""
     kind, *how = change
     if kind == "system":
         return of_another_system(content, how[0])
@@ -118,7 +117,6 @@ class Sample:
         self.place, self.scratch = folder / "damaged", scratch
 
     def lay_out(self, victim: Path | None = None, content: bytes = b"") -> None:
-        """Write the files, one of them damaged."""
         shutil.rmtree(self.place, ignore_errors=True)
         self.place.mkdir()
         for each in self.folders:
@@ -209,7 +207,6 @@ def nested(name: str, depth: int) -> bytes:
 
 
 def truncated(place: Path, content: bytes) -> None:
-    """A gigabyte that takes no disk: content, and zeros."""
     place.write_bytes(content)
     os.truncate(place, 1 << 30)
 

@@ -11,7 +11,6 @@ ROOMS = ("models", "orchestrator", "results", "workers")
 
 
 def modules():
-    """Importable name of every module that shows an example."""
     for room in ROOMS:
         for path in sorted((ROOT / room).rglob("*.py")):
             if ">>>" in path.read_text(encoding="utf-8"):

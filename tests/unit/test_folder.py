@@ -9,9 +9,9 @@ import pyarrow as pa
 import pytest
 from refusals import flip, refused
 
-from toppling.models.files import digest, folder
+from toppling.models.files import digest
 from toppling.models.files.digest import read_table, write_table
-from toppling.models.files.folder import FullDiskError, local, new_file, new_folder, path_named_in
+from toppling.models.files.folder import local, new_file, new_folder, path_named_in
 from toppling.models.files.stores import is_store
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.motion import Motion
@@ -28,20 +28,6 @@ def test_a_folder_has_its_name_only_when_all_is_written(tmp_path):
         assert not target.exists()
     assert [path.name for path in target.iterdir()] == ["a"]
     assert list(target.parent.iterdir()) == [target]
-
-
-def test_what_fails_leaves_nothing(tmp_path):
-    with pytest.raises(FileNotFoundError), new_folder(tmp_path / "scene") as staging:
-        (staging / "no folder" / "a").write_text("1")
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_what_a_full_disk_has_left_is_looked_up_before_anything_is_removed(tmp_path, monkeypatch):
-    monkeypatch.setattr(folder, "room_left", lambda _: str([path.name for path in tmp_path.iterdir()]))
-    with pytest.raises(FullDiskError) as told, new_folder(tmp_path / "run"):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-    assert told.value.left.startswith("['.run.")
-    assert (told.value.filename, list(tmp_path.iterdir())) == (str(tmp_path / "run"), [])
 
 
 def test_a_name_that_is_taken_is_refused_even_by_a_link_to_nothing(tmp_path):
@@ -148,20 +134,6 @@ def table_file(tmp_path):
     path = tmp_path / "table.parquet"
     write_table(pa.table({"a": [1, 2, 3]}), path)
     return path
-
-
-def test_a_file_is_read_whole_once_and_again_only_when_it_changed(table_file, monkeypatch):
-    hashed = []
-    genuine = digest._digest
-    monkeypatch.setattr(digest, "_digest", lambda file, place: hashed.append(1) or genuine(file, place))
-    monkeypatch.setattr(digest, "_UNSETTLED_S", 0.0)
-    for _ in range(3):
-        assert digest.check(table_file)
-    assert len(hashed) == 1
-    flip(table_file, 20)
-    with refused("file.damaged"):
-        digest.check(table_file)
-    assert len(hashed) == 2
 
 
 def test_a_file_of_this_moment_is_not_remembered_as_its_time_may_stay_when_it_changes(table_file):

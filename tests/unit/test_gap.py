@@ -10,8 +10,6 @@ from toppling.models.hidden_base.gap import (
     encloses,
     facet_below,
     flat_log_likelihood,
-    resampled,
-    weights,
 )
 
 RELIEF = Relief(level_m=0.1, shape_m=0.01, shape_length_m=0.4, rough_m=0.002, rough_length_m=0.07)
@@ -91,20 +89,8 @@ def test_no_base_is_drawn_on_which_the_rock_would_fall():
     assert len(draws(open_right, weight=(-0.25, 0.0))) == 6
 
 
-def test_a_draw_that_must_bend_far_to_stand_weighs_less():
-    near, far = (np.mean([draw.log_weight for draw in draws(disc(gap), count=10)]) for gap in (0.002, 0.05))
-    assert near > far + 5.0
-
-
 def test_the_facet_below_a_weight_is_the_one_a_table_of_three_legs_stands_on():
     legs = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
     gap = np.array([0.0, 0.0, 0.0, 0.1])
     assert set(facet_below(legs, gap, np.array([0.3, 0.3]))) == {0, 1, 2}
     assert facet_below(legs, gap, np.array([1.3, 0.3])) is None
-
-
-def test_resampling_takes_each_draw_as_often_as_its_weight_says():
-    numbers = resampled(np.array([0.3, 0.3, 0.4]), 100, np.random.default_rng(0))
-    assert np.bincount(numbers) == pytest.approx([30, 30, 40], abs=1)
-    # One draw of overwhelming weight does not silence all others.
-    assert len(set(resampled(weights(np.append(np.zeros(20), 100.0)), 20, np.random.default_rng(0)))) > 5

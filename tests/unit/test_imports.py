@@ -49,7 +49,6 @@ def tree(path):
 
 @cache
 def importing(path):
-    """The places of a module, wherever in it, that import something."""
     return [node for node in ast.walk(tree(path)) if isinstance(node, ast.Import | ast.ImportFrom | ast.Call)
             and (not isinstance(node, ast.Call) or called(node) == "import_module")]  # fmt: skip
 
@@ -60,7 +59,6 @@ def called(node):
 
 @cache
 def imported(path):
-    """Full dotted names that a module imports, wherever in it."""
     return tuple(_imported(path))
 
 
@@ -121,7 +119,6 @@ def test_a_heavy_library_is_imported_in_one_room_only(library, home):
 
 
 def by_name():
-    """Every module of the house by its dotted name."""
     return {
         ".".join(("toppling", *path.relative_to(ROOT).with_suffix("").parts)).removesuffix(".__init__"): path
         for path in modules()
@@ -176,7 +173,6 @@ def test_tests_name_little_that_is_private():
 
 
 def named_in_face(path):
-    """Content of a module's `__all__`."""
     body = tree(path).body
     (value,) = (
         node.value for node in body if isinstance(node, ast.Assign) and ast.unparse(node.targets) == "__all__"

@@ -19,7 +19,6 @@ UP = np.array([0.0, 0.0, 1.0])
 
 
 def lattice(cells, height):
-    """Unit square of small triangles at a height."""
     return height_field(lambda x, _: np.full(len(x), height), np.linspace(0.0, 1.0, cells))
 
 
@@ -49,10 +48,6 @@ def test_long_strips_have_the_heights_of_the_surface_that_they_make_up(turn_deg)
     vertices[:, :2] = vertices[:, :2] @ axes
     found = height_below(places @ axes, vertices, faces, highest=True)
     np.testing.assert_allclose(found, known, atol=1e-12)
-
-
-def test_no_places_have_no_heights():
-    assert height_below(np.zeros((0, 2)), *lattice(3, 0.0), highest=True).shape == (0,)
 
 
 def strips(profile, along):

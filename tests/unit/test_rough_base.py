@@ -73,10 +73,6 @@ def test_bases_survive_the_disk_and_belong_to_the_scenes_id(drawn, tmp_path):
     loaded = Scene.load(tmp_path / "scene")
     assert loaded.id == drawn.id != replace(drawn, unseen=None).id
     np.testing.assert_array_equal(loaded.on_base(2).rock.feet_m, drawn.on_base(2).rock.feet_m)
-    text = (tmp_path / "scene" / FILE).read_text()
-    (tmp_path / "scene" / FILE).write_text(text.replace("0.08", "0.09", 1))
-    with refused("file.damaged"):
-        Scene.load(tmp_path / "scene")
 
 
 def test_the_same_seed_gives_the_same_bases_and_another_gives_others():
@@ -155,20 +151,3 @@ def test_feet_that_are_left_out_lie_within_the_tolerance_of_the_hull_of_those_th
     facets = ConvexHull(np.vstack([kept, com])).equations
     below = facets[facets[:, 2] < -0.2]
     assert (cap @ below[:, :3].T + below[:, 3]).max() < 1.0001 * tolerance_m
-
-
-def test_a_round_base_topples_no_later_for_the_feet_that_are_left_out():
-    """A polygon of few feet holds longer than the round base that it stands for."""
-    turn, ring = np.linspace(0.0, 2.0 * np.pi, 36, endpoint=False), np.linspace(0.0, 0.5, 26)[1:]
-    place = (ring[:, None, None] * np.stack([np.cos(turn), np.sin(turn)], axis=1)).reshape(-1, 2)
-    cap = np.vstack([np.zeros((1, 3)), np.column_stack([place, 0.15 * (place**2).sum(axis=1)])])
-    scene = Scene.from_mesh(trimesh.creation.box((1.0, 1.0, 3.0)), 0.7)
-    whole, few = (
-        replace(scene, rock=replace(scene.rock, feet_m=feet + scene.pedestal.point_m))
-        for feet in (cap, least_feet(cap, np.zeros((0, 3)), np.array([0.0, 0.0, 1.5]), 3e-4))
-    )
-    right, found = (
-        quasi_static_toppling_m_s2(each.rock, each.pedestal, 9.81, np.arange(0.0, 360.0, 40.0))
-        for each in (whole, few)
-    )
-    np.testing.assert_allclose(np.array(found)[:, 1], np.array(right)[:, 1], rtol=0.04)

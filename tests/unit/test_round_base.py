@@ -57,7 +57,6 @@ def test_a_nearly_neutral_hemisphere_topples_as_the_smooth_one(edge_m):
 
 
 def egg(half_m, stretched, fineness):
-    """Half an ellipsoid, and above it one that is stretched upward."""
     ball = trimesh.creation.icosphere(subdivisions=fineness)
     vertices = ball.vertices * half_m
     vertices[vertices[:, 2] > 0.0, 2] *= stretched

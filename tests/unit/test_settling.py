@@ -52,25 +52,6 @@ def test_a_settling_is_the_turn_that_was_made_and_a_turn_about_the_normal_is_no_
     )
 
 
-@pytest.mark.parametrize(
-    ("tilt_deg", "rise_m", "sentence"),
-    [
-        (0.0, 0.0, None),
-        (0.05, 0.001, None),
-        (0.0, 0.003, "the rock settles by 0.003 m at its farthest point before it is shaken"),
-        (
-            1.0,
-            0.0,
-            "the rock settles by 1.0° toward azimuth 90° (0.02 m at its farthest point) before it is shaken",
-        ),
-    ],
-)
-def test_what_cannot_be_told_from_a_rock_that_stands_is_not_said(tilt_deg, rise_m, sentence):
-    turn = Rotation.from_euler("x", -tilt_deg, degrees=True).as_matrix()
-    found = Settling.between(ROCK, ROCK.moved(turn, (0.0, 0.0, -rise_m)), np.array([0.0, 0.0, 1.0]))
-    assert found.sentence == sentence
-
-
 @pytest.fixture(scope="module")
 def campaigns(tmp_path_factory):
     """The same campaign on a block that leans by a degree, and on one that stands."""

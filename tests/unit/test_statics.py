@@ -19,11 +19,7 @@ from toppling.models.pedestal import ContactProperties, Pedestal
 from toppling.models.rock import Rock
 from toppling.models.scene import Scene
 from toppling.models.shapes import box
-from toppling.models.statics import (
-    equilibrium_possible,
-    quasi_static_toppling_m_s2,
-    support_polygon_m,
-)
+from toppling.models.statics import equilibrium_possible, quasi_static_toppling_m_s2, support_polygon_m
 
 G = 9.81
 EXACT = 1e-6  # the share that statics promises for polygons

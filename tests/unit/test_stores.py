@@ -9,12 +9,11 @@ from refusals import refused
 
 from toppling.models.errors import InputError
 from toppling.models.files import stores as module
-from toppling.models.files.stores import CLAIM, Copy, Store, address_of, at_hand, azure_arguments, is_store
+from toppling.models.files.stores import CLAIM, Copy, Store, at_hand, azure_arguments
 
 
 @pytest.fixture
 def two_machines(address, tmp_path):
-    """Copies of one folder in a store, as two machines have them."""
     return [Copy(address, tmp_path / machine / "run") for machine in ("first", "second")]
 
 
@@ -83,21 +82,6 @@ def test_a_rock_of_a_run_in_a_store_lies_in_the_copy_of_the_run(bucket, monkeypa
     assert not loose.exists()
 
 
-def test_only_what_changed_is_carried(two_machines, monkeypatch):
-    first, _ = two_machines
-    write(first, a="1", b="2")
-    first.push()
-    carried = []
-    send = Store._send
-    monkeypatch.setattr(
-        Store, "_send", lambda self, name, *given: carried.append(name) or send(self, name, *given)
-    )
-    first.push()
-    write(first, b="3")
-    first.push()
-    assert carried == ["b"]
-
-
 def test_a_bucket_that_is_not_there_is_told(bucket, tmp_path):
     copy = Copy("s3://no-such-bucket/run", tmp_path / "run")
     (tmp_path / "run").mkdir()
@@ -127,13 +111,6 @@ def test_a_kind_of_store_without_its_package_is_told(tmp_path):
         Copy("smb://server/share/run", tmp_path / "run")
 
 
-@pytest.mark.parametrize("path", ["s3://b/run", "s3:/b/run", "S3://b/run/", "gs://b/r", "abfs://c@a/r"])
-def test_addresses_of_stores_are_told_from_paths(path):
-    assert is_store(path)
-    assert address_of(path).startswith(path.partition(":")[0].lower() + "://")
-    assert not is_store("runs/" + path)
-
-
 @pytest.fixture(autouse=True)
 def quick(monkeypatch):
     monkeypatch.setattr(module, "_PAUSE_S", 0.05)
@@ -141,7 +118,6 @@ def quick(monkeypatch):
 
 @pytest.fixture
 def machine(address, tmp_path):
-    """The copy of the folder on a machine, as a new process there has it."""
     return lambda name: Copy(address, tmp_path / name / "run")
 
 
@@ -151,7 +127,6 @@ def there(address):
 
 
 def killed(copy, **files):
-    """Leave the store as a process that is killed after some files were carried."""
     stopped = copy.kept_up()
     stopped.__enter__()
     write(copy, **files)
@@ -247,33 +222,7 @@ def test_a_writer_that_stalls_in_a_put_while_another_takes_over_changes_nothing_
     assert former._claim.loss.code == "store.taken_over"
 
 
-def test_a_writer_that_was_taken_over_from_finds_it_before_the_next_object(machine, address, monkeypatch):
-    former, successor, sent = machine("former"), machine("successor"), []
-    send = Store._send
-
-    def counted(store, name, *given):
-        if store is former._store and name in "abc":
-            sent.append(name)
-            if name == "b":
-                successor._claim.take(over=True)
-        return send(store, name, *given)
-
-    monkeypatch.setattr(Store, "_send", counted)
-    monkeypatch.setattr(module, "_PAUSE_S", 60.0)
-    writing = former.kept_up()
-    writing.__enter__()
-    write(former, a="old", b="old", c="old")
-    with refused("store.taken_over") as stopped:
-        former.push()
-    with refused("store.taken_over"):
-        writing.__exit__(None, None, None)
-    assert (sent, there(address)) == (["a", "b"], {"a": "old"})
-    assert successor.writer() in str(stopped.value)
-    assert successor.writer() == former.writer()  # what is another's is not released
-
-
 def cutting(monkeypatch, times):
-    """Have the store keep half of the first puts of `a`."""
     left = [times]
     put, stream = Store._put, Store._stream
 
@@ -294,13 +243,6 @@ def cutting(monkeypatch, times):
 
     monkeypatch.setattr(Store, "_put", put_half)
     monkeypatch.setattr(Store, "_stream", stream_half)
-
-
-def test_an_object_that_the_store_cuts_short_is_put_again(machine, address, monkeypatch):
-    cutting(monkeypatch, times=1)
-    with machine("first").kept_up():
-        write(machine("first"), a="all of it", b="1")
-    assert there(address) == {"a": "all of it", "b": "1"}
 
 
 def test_an_object_that_the_store_always_cuts_short_is_an_error_and_not_recorded_as_carried(

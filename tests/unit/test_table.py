@@ -56,11 +56,6 @@ def test_three_decimals_of_coordinates_are_no_thousands(sign):
     assert table.rows[1][1] == ["1.500", "2.750"]
 
 
-def test_a_quote_that_nobody_closes_is_refused_with_its_line():
-    with refused("table.unreadable", "table.csv:2"):
-        of('a,b\n"' + "9" * 200_000)
-
-
 def repeated_text():
     return pa.DictionaryArray.from_arrays(pa.array([0] * 9_000, pa.int32()), ["y" * 900_000])
 

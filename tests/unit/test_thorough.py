@@ -29,7 +29,6 @@ EVERY = {"high", "door", "helped", "whole"}
 
 @pytest.fixture
 def tree(tmp_path):
-    """A small project whose thorough tests have all passed."""
     for name, text in TREE.items():
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text(text.replace("@pytest.mark.thorough", "'pytest.mark.thorough'"))

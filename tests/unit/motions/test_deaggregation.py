@@ -83,11 +83,6 @@ def test_widths_of_nshmps_bins_are_those_that_a_file_of_the_calculation_states(t
     assert (first.magnitude, first.distance_km) == ((5.05, 5.15), (5.0, 15.0))
 
 
-def test_weights_follow_the_columns_and_not_the_numbers_of_realisations(tmp_path):
-    bins = read_deaggregation(openquake(tmp_path, ["PGA,0.2,0.1,5.5,5.0,0.1,0.0"])).bins
-    assert bins[0].contribution == pytest.approx(-math.log1p(-0.04))
-
-
 @pytest.mark.parametrize(
     ("rows", "head", "code", "named"),
     [

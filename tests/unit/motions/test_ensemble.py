@@ -1,8 +1,6 @@
 """An ensemble comes back as it was written and knows if it is not itself; synthetic ones are what a scenario says."""
 
 import shutil
-import subprocess
-import sys
 
 import numpy as np
 import pyarrow as pa
@@ -47,16 +45,6 @@ def test_records_come_back_bit_for_bit(ensemble, made):
         assert ensemble.sha(record.record_id) == record.sha
 
 
-def test_reading_records_leaves_pandas_and_its_memory_out(ensemble):
-    program = (
-        "import sys; from toppling.models.motions.ensemble import Ensemble; "
-        f"e = Ensemble.load({str(ensemble.folder)!r}); e.motion(e.record_ids[0], pga_m_s2=2.0, azimuth_deg=0.0); "
-        "print('pandas' in sys.modules)"
-    )
-    done = subprocess.run([sys.executable, "-P", "-c", program], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "False"
-
-
 def test_the_id_is_that_of_the_content_not_of_the_order_or_the_place(ensemble, made, tmp_path):
     assert Ensemble.write(tmp_path / "again", made).id == ensemble.id
     assert Ensemble.write(tmp_path / "less", made[:2]).id != ensemble.id
@@ -85,7 +73,6 @@ def test_a_catalogue_without_a_measure_that_rows_have_is_refused(ensemble, tmp_p
 
 
 def rewritten(ensemble, folder, name, column, change):
-    """Copy of an ensemble with one column of a file changed, its metadata kept."""
     shutil.copytree(ensemble.folder, folder)
     table = pq.read_table(folder / name)
     changed = pa.array([change(value) for value in table.column(column).to_pylist()])

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import obspy
 import pytest
-from motion_samples import STEP_S, WRITERS, G, columns, edited, imported, peer, shaking, tabled, write_counts
+from motion_samples import STEP_S, WRITERS, columns, edited, imported, peer, shaking, tabled, write_counts
 from obspy.core.inventory import Response
 from refusals import left_out, refused
 
@@ -35,7 +35,6 @@ def clipped(a):
 
 
 def at(place, value):
-    """A motion with other samples at a place."""
 
     def change(a):
         a[place] = value
@@ -148,18 +147,6 @@ def long_shaking() -> np.ndarray:
     return end_at_rest(Motion(shaking(6000), STEP_S)).acceleration_m_s2.copy()
 
 
-def test_counts_scaled_to_peaks_are_uncorrected_and_their_zero_is_taken_off(tmp_path):
-    a = long_shaking()
-    peaks, pgv = np.abs(a).max(axis=0), Record.of("a", Motion(a, STEP_S)).intensity["pgv_m_s"]
-    stated = dict(zip(("pga_h1", "pga_h2", "pga_v"), map(str, peaks), strict=True))
-    unstated(tmp_path, 1000 * a + 350, **stated)
-    for process, quality in ((None, "processed"), (False, "uncorrected")):
-        (record,) = imported(tmp_path, process=process).records
-        assert record.quality == quality
-        # processing takes some per cent of a velocity of half a hertz and more; the zero left in makes 21 m/s
-        assert record.intensity["pgv_m_s"] == pytest.approx(pgv, rel=0.05)
-
-
 @pytest.mark.parametrize("letter", "ENZ")
 def test_one_uncorrected_channel_makes_a_record_uncorrected(letter, tmp_path):
     (path,) = (p for p in WRITERS["esm"](tmp_path, shaking()) if f"HN{letter}" in p.name)
@@ -199,22 +186,6 @@ def test_columns_are_left_if_they_are_called_corrected_or_do_not_drift(added_m_s
         assert np.abs(record.motion.acceleration_m_s2 - a - added_m_s2).max() < 1e-6  # as it was printed
 
 
-NAMED_V2 = {"Rcrd of Tue Dec 20, 2022": "TESTQUAKE", "Preliminary": "DECEMBER 20, 2022 02:34 PST"}
-ORIGINS = [
-    ("bhrc", {}, {"2012/08/11   12:23:16": "2012/08/11   12:34:35"}),
-    ("bhrc", {}, {"2012/08/11   12:23:16": "2012/08/12   12:23:16"}),
-    ("csmip_v1", {}, {"JANUARY 17, 1994 04:31 PST": "JANUARY 17, 1994 04:32 PST"}),
-    ("csmip_v2", {}, {"Tue Dec 20, 2022": "Sun Jan  1, 2023"}),
-    ("csmip_v2", NAMED_V2, {"02:34 PST": "03:39 PST"}),
-    ("csmip_v2", NAMED_V2, {"DECEMBER 20": "DECEMBER 21"}),
-    ("pairs_v1", {}, {"JANUARY 17, 1994 04:31 PST": "JANUARY 17, 1994 04:32 PST"}),
-    ("smc", {}, {"18    0004": "18    0041"}),
-    ("smc", {}, {"18    0004": "19    0004"}),
-    ("unam", {}, {"18:14:40": "19:14:40"}),
-    ("unam", {}, {"2017/09/19": "2017/09/23"}),
-]
-
-
 def written(folder: Path, name: str, seed: int, *replacements: dict[str, str]) -> list[Path]:
     folder.mkdir()
     changes = [pair for each in replacements for pair in each.items()]
@@ -232,24 +203,6 @@ def both_imported(folder: Path, events: tuple[str, str] | None = None, unit: str
         (folder / "table.csv").write_text("\n".join(rows) + "\n")
         table = read_table(folder / "table.csv")
     return import_records(record_files([folder / "a", folder / "b"]), table, ImportOptions(process=False))
-
-
-@pytest.mark.parametrize(("name", "title", "other"), ORIGINS)
-def test_two_earthquakes_of_other_date_or_time_at_one_station_are_both_imported(name, title, other, tmp_path):
-    written(tmp_path / "a", name, 0, title)
-    written(tmp_path / "b", name, 1, title, other)
-    outcome = both_imported(tmp_path)
-    assert [str(refusal.reason) for refusal in outcome.refusals] == []
-    assert len(outcome.records) == 2
-
-
-@pytest.mark.parametrize(("name", "title"), [(name, title) for name, title, _ in ORIGINS[::2]])
-def test_files_of_one_earthquake_at_one_station_count_as_one_shaking(name, title, tmp_path):
-    for folder, seed in (("a", 0), ("b", 1)):
-        written(tmp_path / folder, name, seed, title)
-    outcome = both_imported(tmp_path)
-    assert len(outcome.records) == 1
-    left_out(outcome, "record.given_twice")
 
 
 def test_the_tables_events_tell_apart_records_whose_headers_do_not(tmp_path):
@@ -299,14 +252,6 @@ def digitised(peak_m_s2, flat_m_s2, quantum_m_s2=0.0):
 def test_a_flat_top_a_tenth_below_the_peak_of_the_other_sign_is_no_clipping(quantum_m_s2):
     a = digitised(0.196, 0.176, quantum_m_s2=quantum_m_s2)
     assert (a == a.max()).sum() >= 15
-    check_samples(channel(a))
-
-
-def test_tops_of_a_few_steps_of_the_digitiser_are_flat_without_clipping():
-    """Twenty steps from zero to the peak: the top of every slow swing has equal samples."""
-    steps = np.concatenate([np.arange(21), np.arange(20, -20, -1), np.arange(-20, 1)])
-    a = 0.001 * G * np.repeat(steps, 6)
-    assert (a == a.max()).sum() >= 10
     check_samples(channel(a))
 
 

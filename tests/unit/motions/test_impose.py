@@ -58,11 +58,6 @@ def test_displacement_limit_holds_and_intensity_is_that_of_the_filtered_motion(r
         assert value == pytest.approx(anew[name], rel=1e-6), name
 
 
-def test_a_limit_that_is_not_reached_changes_nothing(record):
-    free, held = impose(record, 1.0, 0.0), impose(record, 1.0, 0.0, peak_displacement_m=100.0)
-    assert np.array_equal(free.motion.acceleration_m_s2, held.motion.acceleration_m_s2)
-
-
 @pytest.mark.parametrize("level", [0.0, -1.0, np.nan])
 def test_a_level_that_is_not_positive_is_refused(record, level):
     with refused("value.not_positive", "pga_m_s2"):

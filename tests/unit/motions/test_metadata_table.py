@@ -87,7 +87,6 @@ def with_rows(folder, *rows):
 
 
 def with_columns(folder, names, values):
-    """One record with more columns in its row."""
     tabled(WRITERS["peer"](folder, shaking()), **{names: values})
     return imported(folder)
 

@@ -22,7 +22,6 @@ def seconds(n):
 
 
 def rows(motion=A, before=seconds, end="\n"):
-    """Rows of a motion, with something before its numbers."""
     return "".join(f"{before(n)}{','.join(f'{x:.6f}' for x in row)}{end}" for n, row in enumerate(motion))
 
 
@@ -199,14 +198,6 @@ def test_a_unit_that_nothing_says_is_left_to_the_table(text, tmp_path):
     path = written(tmp_path, text)
     left_out(import_records([path]), "record.unit_unknown")
     assert len(by_table(path).records) == 1
-
-
-def test_a_unit_of_the_table_that_contradicts_the_names_is_refused_with_its_row(tmp_path):
-    path = written(tmp_path, "t,E (g),N (g),UP (g)\n" + rows(A / 9.80665))
-    assert len(by_table(path, unit="g").records) == 1
-    left_out(
-        by_table(path, unit="gal"), "record.unit_contradicted", "0.01 m/s2", "9.80665 m/s2", "table.csv:2"
-    )
 
 
 def test_numbers_that_fill_their_columns_are_parted_before_their_signs(tmp_path):

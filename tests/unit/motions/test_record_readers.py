@@ -10,10 +10,8 @@ import pytest
 from motion_samples import COUNT, STEP_S, WRITERS, edited, imported, only, sac, shaking
 from refusals import left_out, refused, tells
 
-from toppling.models.files.given import text_of
 from toppling.models.motions.formats import read_file
 from toppling.models.motions.formats.component import bearing
-from toppling.models.motions.formats.record_text import RecordText
 from toppling.models.motions.importing import ImportOptions, import_records
 from toppling.models.motions.metadata import read_table
 from toppling.models.motions.quality import warnings_of
@@ -24,7 +22,6 @@ ROUNDING = {
     "knet": 2e-6,
 }  # fmt: skip
 RAW = {"csmip_v1", "pairs_v1", "bhrc", "cosmos_v1", "geonet_v1a", "unam", "cwb", "knet", "miniseed", "sac"}
-UNORIENTED = {"pairs_v1"}
 
 
 @pytest.mark.parametrize("name", WRITERS)
@@ -41,12 +38,7 @@ def test_a_motion_comes_back_from_every_format_as_it_was_written(name, tmp_path)
         expected = a.copy()
         expected[:, :2] = a[:, :2] @ np.column_stack([np.cos(turn), np.sin(turn)]).T
     assert np.abs(motion.acceleration_m_s2 - expected).max() <= 1.5 * ROUNDING.get(name, 1e-5) + 1e-5
-    assert record.north_known is (name not in UNORIENTED)
-
-
-@pytest.mark.parametrize("name", WRITERS)
-def test_uncorrected_records_are_processed_and_corrected_ones_left_alone(name, tmp_path):
-    WRITERS[name](tmp_path, shaking())
+    assert record.north_known is (name != "pairs_v1")
     (record,) = imported(tmp_path, process=None).records
     assert any("high-pass" in step for step in record.history) is (name in RAW)
     assert (record.quality == "corrected") is (name not in RAW)
@@ -97,7 +89,6 @@ def test_a_header_written_otherwise_is_the_same_record(name, old, new, tmp_path)
 
 
 def lost(first, last):
-    """Without some lines."""
     return lambda text: "".join(
         (lines := text.splitlines(keepends=True))[:first] + (lines[last:] if last else [])
     )
@@ -134,7 +125,6 @@ def truncated_number(text):
 
 
 def swapped(text):
-    """Two lines of pairs in the wrong order."""
     lines = text.splitlines(keepends=True)
     lines[32], lines[33] = lines[33], lines[32]
     return "".join(lines)
@@ -204,6 +194,8 @@ REFUSED = {
         f"{name} ends in a number": (name, truncated_number, "record.number_unreadable", "truncated")
         for name in ("peer", "smc")
     },
+    "PEER lacks three rows": ("peer", lost(40, 43), "record.count_contradicted", 385, 400),
+    "PEER has a row twice": ("peer", line(44, lambda row: f"{row}\n{row}"), "record.count_contradicted", 405, 400),
     "rows behind the last channel": ("csmip_v2", rows_behind_the_end, "record.numbers_after_end", "3 lines"),
     "a line without end": ("peer", line(6, lambda text: text + " 1" * 100_000), "file.line_too_long", "AT2:7"),
     **{
@@ -275,21 +267,14 @@ def test_the_titles_of_peer_are_event_station_and_direction(title, tmp_path):
 
 
 ORIGIN = "TESTQUAKE\nJANUARY 17, 1994 04:31 PST\n14403"
-DATE, LATER, USUAL = (
-    "JANUARY 17, 1994 04:31 PST",
-    "Fri Mar 5, 2021 20:19:31.0 PDT",
-    "01/17/94, 12:30:55.4 GMT",
-)
+DATE = "JANUARY 17, 1994 04:31 PST"
+LATER, USUAL = "Fri Mar 5, 2021 20:19:31.0 PDT", "01/17/94, 12:30:55.4 GMT"
 NOBODY = "01/01/1980 0:00:00 (GMT)     (ORIGIN: 01/01/1980 0:00:00 GMT)"
 EVENTS = [
     ("csmip_v1", ORIGIN, ORIGIN, f"TESTQUAKE, {DATE}"),
     ("csmip_v1", ORIGIN, f"Rcrd of {LATER}\nRAW\n14403", LATER),
-    (
-        "csmip_v1",
-        ORIGIN[:-6],
-        f"{'TESTQUAKE':72}21\n{DATE:72}22",
-        f"TESTQUAKE, {DATE}",
-    ),  # a program's numbers
+    # with a program's numbers
+    ("csmip_v1", ORIGIN[:-6], f"{'TESTQUAKE':72}21\n{DATE:72}22", f"TESTQUAKE, {DATE}"),
     ("csmip_v1", DATE, f"{'':40}(ORIGIN(CIT): {USUAL})", f"TESTQUAKE, {USUAL}"),
     ("csmip_v2", "Dec 20, 2022", "Dec 20, 2022 02:34 PST", "Tue Dec 20, 2022 02:34 PST"),
     ("pairs_v1", ORIGIN[:-6], "FARQUAKE 2010\n", "FARQUAKE 2010"),
@@ -391,16 +376,14 @@ def test_a_record_is_the_same_however_its_text_is_written(name, change, tmp_path
     assert (record.sha, record.event, record.station) == (expected.sha, expected.event, expected.station)
 
 
-@pytest.mark.parametrize("between", [";", "\t", "; ", "  ", ", "])
-@pytest.mark.parametrize("columns", [1, 2, 4])
+@pytest.mark.parametrize("between", [";", "  "])
+@pytest.mark.parametrize("columns", [1, 4])
 def test_decimal_commas_are_read_where_something_else_stands_between_numbers(columns, between, tmp_path):
     a = shaking(200)
-    table = np.column_stack([np.arange(200) * STEP_S, a])[:, {1: [1], 2: [0, 1], 4: [0, 1, 2, 3]}[columns]]
+    table = np.column_stack([np.arange(200) * STEP_S, a])[:, 4 - columns :]
     lines = [between.join(f"{v:.6f}".replace(".", ",") for v in row) for row in table]
     (tmp_path / "r.txt").write_text("\n".join(lines))
-    found = read_file(tmp_path / "r.txt")
-    assert np.abs(found[0].acceleration_m_s2 - a[:, 0]).max() < 1e-6
-    assert columns == 1 or found[0].time_step_s == STEP_S
+    assert np.abs(read_file(tmp_path / "r.txt")[-1].acceleration_m_s2 - a[:, 2]).max() < 1e-6
 
 
 @pytest.mark.parametrize("columns", [1, 3])
@@ -422,78 +405,18 @@ def test_the_step_is_found_whatever_the_digits_of_the_times(step_s, digits, tmp_
     assert found.time_step_s == pytest.approx(step_s, rel=1e-9)
 
 
-@pytest.mark.parametrize("content", [b"000001D \0\0\0abc" * 40, b"\x01\0\x02\0\0\0\x03\0" * 100, bytes(200)])
-def test_binary_files_are_no_text(content):
-    assert text_of(b"x" + content + b"x") is None
-
-
-HERE = Path("file.txt")
-SPOKEN_COUNT = {  # how a header says 400, and how it would say another number
-    "peer": "NPTS= {:6d}",
-    "csmip_v1": "{:5d} POINTS",
-    "csmip_v2": " {} points of accel",
-    "cosmos_v2": "   {} acceleration pts",
-    "esm": "NDATA: {}\n",
-    "unam": "/{0}/{0}/{0}",
-    "pairs_v1": "NO. OF POINTS =  {:5d}",
-    "bhrc": "NO. OF POINTS =  {:5d}",
-    "smc": "{:10d}",
-}
-
-
-def lines_of(count: int, across: int = 5) -> list[str]:
-    """Rows of a smooth series."""
-    values = np.sin(np.arange(count) / 20.0)
-    return [" ".join(f"{v:.6f}" for v in values[i : i + across]) for i in range(0, count, across)]
-
-
-def taken(lines: list[str], count: int):
-    return RecordText(HERE, lines, 4).counted(-1, count, 0)
-
-
-@pytest.mark.parametrize("count", [0, 900, 1011, 1100, 2000])
-def test_a_count_far_from_the_rows_is_refused(count):
-    with refused("record.count_contradicted", 1000, count):
-        taken(lines_of(1000), count)
-
-
-def without(first, last):
-    return lambda lines: lines[:first] + lines[last:]
-
-
-@pytest.mark.parametrize(
-    ("damage", "counted"),
-    [
-        (without(3, 4), 995), (without(60, 62), 990), (without(100, 130), 850), (without(194, 196), 990),
-        (lambda lines: lines[:61] + lines[60:], 1005), (lambda lines: lines[:1] + lines, 1005),
-        (lambda lines: [*lines[:100], lines[100].rsplit(" ", 1)[0], *lines[101:]], 999),
-    ],
-    ids=["one row lost", "two", "thirty", "near the end", "a row twice", "the first twice", "a row not whole"],
-)  # fmt: skip
-def test_a_row_in_the_middle_that_is_lost_repeated_or_not_whole_is_refused(damage, counted):
-    with refused("record.count_contradicted", counted, 1000):
-        taken(damage(lines_of(1000)), 1000)
-
-
-def miscounted(folder: Path, name: str, off: int) -> None:
-    WRITERS[name](folder, shaking())
-    spoken = SPOKEN_COUNT[name]
-    for path in folder.iterdir():
-        text = path.read_text()
-        if name != "smc":
-            assert spoken.format(COUNT) in text
-            text = text.replace(spoken.format(COUNT), spoken.format(COUNT + off))
-        else:
-            lines = text.split("\n")
-            lines[13] = f"{COUNT + off:10d}{lines[13][10:]}"
-            text = "\n".join(lines)
-        path.write_text(text)
-
-
 @pytest.mark.parametrize("off", [-3, 2])
-@pytest.mark.parametrize("name", sorted(SPOKEN_COUNT))
-def test_every_format_with_a_count_that_is_a_little_off_is_read_and_told(name, off, tmp_path):
-    miscounted(tmp_path, name, off)
+@pytest.mark.parametrize(
+    ("name", "spoken"),
+    [
+        ("peer", "NPTS= {:6d}"),
+        ("cosmos_v2", "   {} acceleration pts"),
+        ("esm", "NDATA: {}\n"),
+        ("pairs_v1", "NO. OF POINTS =  {:5d}"),
+    ],
+)
+def test_a_count_that_is_a_little_off_is_told_and_the_rows_are_read(name, spoken, off, tmp_path):
+    edited(tmp_path, name, (spoken.format(COUNT), spoken.format(COUNT + off)))
     outcome = imported(tmp_path)
     record = only(outcome)
     assert len(record.motion.acceleration_m_s2) == min(COUNT, COUNT + off)
@@ -558,7 +481,6 @@ def test_pieces_that_do_not_fit_are_refused_as_gap_or_overlap(parts, change, cod
 
 
 def turned(folder, order: str, **channels: tuple[float, float]) -> None:
-    """SAC files with other azimuths and inclinations, in one order of bytes."""
     for path in sac(folder, shaking()):
         trace = obspy.read(str(path))[0]
         trace.stats.sac.cmpaz, trace.stats.sac.cmpinc = channels[trace.stats.channel[-1]]
@@ -586,7 +508,6 @@ def test_the_channels_code_decides_where_sacs_inclination_contradicts_it(channel
 
 
 def changed_sac(folder, change):
-    """The first channel with something changed."""
     path = sac(folder, shaking())[0]
     trace = obspy.read(str(path))[0]
     change(trace)
@@ -609,11 +530,11 @@ def test_samples_of_sac_that_are_not_finite_are_refused(bad, tmp_path):
 @pytest.mark.parametrize(
     ("pga", "pgv", "unit", "told"),
     [
-        (20.0, 2.0, None, []),
-        (36.0, 1.0, 9.80665, ["more than 3 g", "in m/s2 and not in g, the peak is 3.67 m/s2"]),
-        (267.0, 20.0, None, ["in cm/s2 and not in m/s2, the peak is 2.67 m/s2", "PGV is 20 m/s"]),
-        (8.0, 4.5, None, ["PGV is 4.5 m/s, more than 3 m/s: if its samples are in m/s2 and not in g"]),
-        (1e9, 1e9, 1.0, ["PGA is 1e+09 m/s2"]),
+        (20.0, 2.0, None, ()),
+        (36.0, 1.0, 9.80665, ("more than 3 g", "3.67 m/s2")),
+        (267.0, 20.0, None, ("2.67 m/s2",)),
+        (8.0, 4.5, None, ("more than 3 m/s",)),
+        (1e9, 1e9, 1.0, ("1e+09 m/s2",)),
     ],
 )
 def test_a_peak_beyond_nature_is_told_with_the_unit_that_would_explain_it(pga, pgv, unit, told):

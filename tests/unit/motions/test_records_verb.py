@@ -23,7 +23,6 @@ def run(*arguments, expect=0):
 
 
 def given(tmp_path, name):
-    """A folder of files of a format."""
     folder = tmp_path / "in"
     folder.mkdir()
     WRITERS[name](folder, shaking())
@@ -70,15 +69,6 @@ def made(tmp_path_factory):
     result = run("synthesise", "--count", "6", "--seed", "3", "--out", folder)
     assert "target" in result.output
     return folder
-
-
-def test_select_makes_a_smaller_ensemble_of_the_same_records(made, tmp_path):
-    rows = Ensemble.load(made).catalog.to_pylist()
-    far = max(row["distance_km"] for row in rows)
-    run("select", made, "--out", tmp_path / "near", "--distance", "0", str(far - 0.1))
-    near = Ensemble.load(tmp_path / "near")
-    assert len(near.record_ids) == 5
-    assert all(near.sha(name) == Ensemble.load(made).sha(name) for name in near.record_ids)
 
 
 def test_a_selection_of_a_weighted_ensemble_keeps_its_weights(made, tmp_path):

@@ -71,7 +71,6 @@ def test_each_slip_is_told_once_and_a_sound_campaign_is_warned_of_nothing(levels
 
 @pytest.fixture
 def weak(tmp_path):
-    """An ensemble of pulses, one of which is far weaker than the others."""
     strengths = (("strong", 3.0), ("weak", 0.0045), ("fair", 0.2))
     records = [Record.of(name, ricker(pga_m_s2, 1.0)) for name, pga_m_s2 in strengths]
     return Ensemble.write(tmp_path / "ensemble", records)
@@ -94,12 +93,6 @@ def test_shaking_beyond_nature_is_told_with_factor_velocity_and_displacement(wea
     assert f"strong ({60.0 / own['pga_m_s2']:.0f}-fold, PGV {pgv_m_s:.1f} m/s, PGD {pgd_m:.1f} m)" in told
     assert "at 60 m/s2" in told
     assert shaken(weak, [4.0], records=["strong"]) == shaken(weak, "recorded") == []
-
-
-def test_a_table_that_holds_displacement_bounds_it(weak):
-    (free,), (held,) = shaken(weak, [60.0]), shaken(weak, [60.0], peak_displacement_m=0.5)
-    assert "PGD 0.5 m" in held
-    assert "PGD 0.5 m" not in free
 
 
 @pytest.mark.parametrize(

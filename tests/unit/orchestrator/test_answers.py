@@ -87,7 +87,6 @@ def test_a_tilt_that_is_not_a_number_is_null_where_the_shake_diverged(planned):
 
 
 def nonsense(field):
-    """Values beyond what a column holds."""
     low, high = LIMITS[field.name]
     if field.type == pa.string():
         return ["x" * (high + 1)]

@@ -160,7 +160,6 @@ def test_a_missing_key_is_named(missing):
 
 
 def in_docs(key):
-    """An entry of the documentation's list of keys."""
     default = "required" if key.default is REQUIRED else f"default: {key.otherwise}"
     more = f" ([more]({key.page}))" if key.page else ""
     text = f"- `{key.name}` ({default}): {key.help}: {key.values}{more}."

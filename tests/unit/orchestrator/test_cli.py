@@ -12,7 +12,6 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from toppling.models.errors import nearest
 from toppling.orchestrator import cli as command
 from toppling.orchestrator import verbs
 from toppling.orchestrator.cli import VERBS, cli, first_line
@@ -67,21 +66,13 @@ def test_wrong_usage_ends_with_code_2_and_names_the_option(words, tmp_path, monk
         (OSError("Corrupt data page"), "toppling: Corrupt data page"),
         *((error, "toppling: too little memory is left: ") for error in (
             MemoryError(), ImportError("/lib/_duckdb.so: failed to map segment from shared object"),
-            ImportError("libarrow.so: cannot allocate memory in static TLS block"),
-            OSError("Could not find/load shared object file 'libllvmlite.so'\nfrom resource location"),
         )),
-        (
-            OSError(errno.ENOSPC, "full", "quakes/motions.parquet", None, "run/motions.parquet"),
-            "disk of run/motions",
-        ),
+        (OSError(errno.ENOSPC, "full", "quakes/a.parquet", None, "run/a.parquet"), "disk of run/a"),
         (
             OSError(errno.EROFS, "Read-only file system", "/runs/a/.report.html.17.tmp"),
             "toppling: /runs/a/report.html: Read-only file system: write to another place with --out",
         ),
-        (
-            ValueError("A dask config file at '/etc/dask/x.yaml' is malformed"),
-            "correct the file, or move it away",
-        ),
+        (ValueError("A dask config file at '/etc/dask/x.yaml' is malformed"), "correct the file"),
     ],
 )  # fmt: skip
 def test_what_the_system_or_its_settings_lack_is_told_without_a_traceback(error, told, monkeypatch, capsys):
@@ -183,8 +174,3 @@ def test_a_misspelt_verb_or_choice_is_answered_with_what_was_meant(words, meant)
     done = CliRunner().invoke(cli, words)
     assert done.exit_code == 2
     assert f"Did you mean '{meant}'?" in done.stderr
-
-
-@pytest.mark.parametrize("verb", VERBS)
-def test_each_verb_with_a_letter_left_out_is_found_again(verb):
-    assert nearest(verb[:2] + verb[3:], VERBS) == verb

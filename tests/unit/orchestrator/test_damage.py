@@ -80,7 +80,6 @@ def answers_of_run(run):
 
 
 def answers_to(run, name):
-    """What the program says of a run from the files of one kind."""
     if name.startswith("scene/"):
         return answers_of_scene(run)
     return answers_of_ensemble(run) if name.startswith("ensemble/") else answers_of_run(run)

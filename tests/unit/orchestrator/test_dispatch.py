@@ -31,14 +31,6 @@ def test_the_last_jobs_go_out_the_longest_records_first(jobs, workers, last):
     assert sorted(out) == list(range(jobs))
 
 
-def test_batches_shrink_to_single_jobs_at_the_end():
-    dispatch = dispatch_of(1000)
-    sizes = [len(batch.jobs) for batch in drain(dispatch, workers=2)]
-    assert sizes == sorted(sizes, reverse=True)
-    assert sizes[0] == FIRST_JOBS
-    assert sizes[-4:] == [1, 1, 1, 1]
-
-
 def test_after_a_death_every_job_of_the_batch_is_tried_alone():
     dispatch = dispatch_of(100)
     batch = dispatch.next_batch(1)
@@ -67,11 +59,7 @@ def test_a_job_that_is_given_up_is_told_by_all_its_lone_tries(hung, status, told
 
 
 @settings(max_examples=60)
-@given(
-    jobs=st.integers(1, 300),
-    killer=st.integers(0, 59),
-    seed=st.integers(0, 2**32 - 1),
-)
+@given(jobs=st.integers(1, 300), killer=st.integers(0, 59), seed=st.integers(0, 2**32 - 1))
 def test_under_any_course_of_events_every_job_ends_once_and_only_killers_are_given_up(jobs, killer, seed):
     dispatch = dispatch_of(jobs)
     rng = np.random.default_rng(seed)

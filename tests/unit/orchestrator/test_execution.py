@@ -28,15 +28,12 @@ from scaling import pretended_rows
 
 @pytest.fixture(scope="module")
 def planned(tmp_path_factory):
-    """Twenty-four jobs and their rows."""
     folder = tmp_path_factory.mktemp("inputs")
     plan = planned_in(folder, (0.6, 1.0, 1.4), pga_m_s2=[2, 4, 6, 8], azimuth_deg=[0, 90])
     return plan, pretended_rows(Asked(plan, folder), np.arange(len(plan)), 0.1), folder
 
 
 class Session:
-    """Executions of a plan on a fake cluster in a folder of their own."""
-
     def __init__(self, planned, folder, monkeypatch, **cluster):
         self.plan, self.table, inputs = planned
         self.folder, self.cluster = folder, FakeCluster(self.table, **cluster)
@@ -55,7 +52,6 @@ class Session:
 
     @property
     def rows(self):
-        """What is stored, a row a job."""
         return {row["job_id"]: row for row in newest_rows(result_files(self.folder)).to_pylist()}
 
     @property
@@ -83,18 +79,6 @@ def test_every_job_is_stored_once_as_its_worker_gave_it(planned, session):
     stored = newest_rows(result_files(one.folder)).sort_by("job_id")
     assert stored.drop_columns("attempt") == planned[1].sort_by("job_id").drop_columns("attempt")
     assert set(stored["attempt"].to_pylist()) == {1}
-
-
-def test_a_job_that_always_kills_its_worker_is_the_only_one_lost(planned, session):
-    culprit = job_of(planned, 13)
-    one = session(faults=lambda job, begun: "died" if job == culprit else None)
-    progress = one()
-    assert statuses(one) == {"ok": 23, "crashed": 1}
-    assert one.rows[culprit]["status"] == "crashed"
-    assert progress.deaths == Limits.tries + 1  # once in a batch, then alone
-    told = [entry for entry in one.log if entry["event"].startswith("a worker died")]
-    assert len(told) == progress.deaths
-    assert all(entry["worker"] == "worker 0" for entry in told)
 
 
 def test_workers_that_leave_cost_no_try_and_are_no_deaths(session):
@@ -133,13 +117,6 @@ def test_a_row_that_does_not_answer_its_job_is_tried_again_and_fails_if_none_doe
     assert "pgv_m_s is 0.5" in one.rows[always]["message"]
     assert one.rows[once]["pgv_m_s"] != 0.5
     assert progress.deaths == 0
-
-
-def test_a_host_that_has_not_what_its_jobs_need_is_sent_it_and_costs_nothing(session):
-    one = session(faults=lambda job, begun: "undelivered" if begun == 1 else None, jobs_at_once=30)
-    progress = one()
-    assert ("deliver", "host") in one.cluster.told
-    assert (progress.deaths, statuses(one)) == (0, {"ok": 24})
 
 
 def test_a_host_that_cannot_keep_what_it_is_sent_is_sent_away(session):
@@ -205,14 +182,6 @@ def test_jobs_that_are_done_again_have_a_newer_attempt_and_the_newest_counts(pla
     progress = again(redo={culprit: 2})
     assert (progress.done, progress.again) == (1, -1)  # of those to be done again all have a newer row
     assert (again.rows[culprit]["status"], again.rows[culprit]["attempt"]) == ("ok", 3)
-
-
-def test_the_first_rows_are_stored_at_once_and_later_ones_together(session):
-    seen = []
-    one = session(jobs_at_once=1)
-    one(lambda progress: seen.append((progress.done, progress.stored)))
-    assert seen[0] == (1, 1)
-    assert len(result_files(one.folder)) < 10
 
 
 def test_parts_that_are_lost_are_done_again_and_if_that_goes_on_the_disk_is_blamed(

@@ -67,7 +67,6 @@ def runs(tmp_path_factory):
 
 @pytest.fixture
 def swap(runs, tmp_path):
-    """Copy a run, with one file of the other in it."""
     mine, other = runs
 
     def make(name):

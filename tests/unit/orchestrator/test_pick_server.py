@@ -7,7 +7,7 @@ import threading
 
 import pytest
 
-from toppling.orchestrator.pick.page import UserHints, View
+from toppling.orchestrator.pick.page import View
 from toppling.orchestrator.pick.server import FILES, LARGEST_BODY, PickServer
 
 POLL_S = 0.01
@@ -16,8 +16,6 @@ JSON = {"Content-Type": "application/json"}
 
 
 class Heard:
-    """A scan that only takes note."""
-
     def __init__(self):
         self.view = View(3, (1, 0), (0.1, 0.1), b"points")
         self.said, self.saves, self.ended = [], 0, threading.Event()
@@ -125,29 +123,6 @@ def test_what_is_no_hint_is_refused_and_nothing_is_taken_of_it(server, content):
     assert status == 400
     assert "remedy:" in answer
     assert not server.picking.said
-
-
-def test_hints_arrive_as_they_were_said(server):
-    hints = {
-        "units": None,
-        "up": "-y",
-        "length": [[0, 0, 0], [1, 0, 2], 1.5],
-        "near": [1.5, 2.0],
-        "plane": None,
-        "point": [],
-        "touch": [[1, 2, 3.25]],
-        "daylight": [],
-        "pull": [[40, 0.2]],
-    }
-    assert told(server, "hints", hints) == (200, "{}")
-    (said,) = server.picking.said
-    assert said == UserHints(
-        up="-y",
-        length=((0.0, 0.0, 0.0), (1.0, 0.0, 2.0), 1.5),
-        near=(1.5, 2.0),
-        touch=((1.0, 2.0, 3.25),),
-        pull=((40.0, 0.2),),
-    )
 
 
 def test_what_is_too_long_or_has_no_length_is_not_read(server):

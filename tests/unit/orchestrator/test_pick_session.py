@@ -22,15 +22,11 @@ NEAR = [UserHints(near=(float(n), 0.0)) for n in range(6)]
 
 @dataclass(frozen=True)
 class Worked:
-    """What stands for a scan's work: it remembers its place."""
-
     near: tuple
     inspection: object = None
 
 
 class Here:
-    """Does in this process what a scan does in one of its own."""
-
     def do(self, note, function, *arguments):
         return function(*arguments, note)
 

@@ -5,7 +5,6 @@ import json
 import subprocess
 import sys
 from contextlib import nullcontext
-from itertools import pairwise
 from pathlib import Path
 
 import pyarrow.parquet as pq
@@ -98,21 +97,6 @@ def test_a_campaign_of_further_realisations_repeats_no_job(campaign):
     assert len(first) == len(further)
 
 
-def test_the_longest_record_starts_first(campaign):
-    whole = planned(campaign)
-    names = list(dict.fromkeys(whole.jobs["record_id"].to_pylist()))
-    ensemble = Ensemble.load(campaign.ensemble)
-    durations = [ensemble.record(name).motion.duration_s for name in names]
-    assert durations == sorted(durations, reverse=True)
-
-
-def test_jobs_that_a_worker_prepares_one_scene_for_follow_each_other(campaign):
-    whole = planned(campaign, friction=((0.8, 0.8), (0.6, 0.6)), realisations=3)
-    scenes = whole.jobs.select(["record_id", "friction_static", "realisation"]).to_pylist()
-    changes = sum(one != other for one, other in pairwise(scenes))
-    assert changes + 1 == 3 * 2 * 3  # records, frictions, realisations: each once
-
-
 @pytest.mark.parametrize(
     "change",
     [
@@ -139,14 +123,6 @@ def test_a_record_too_coarse_for_the_band_it_is_said_to_have_is_named(campaign):
     planned(campaign, unmeasured=Unmeasured(band_hz=0.499 / step_s, above_band=(0.0, 0.6)))
     with refused("motion.step_too_coarse"):
         planned(campaign, unmeasured=Unmeasured(band_hz=0.501 / step_s, above_band=(0.0, 0.6)))
-
-
-def test_pending_is_the_plan_without_what_is_finished(campaign):
-    whole = planned(campaign)
-    ids = whole.jobs["job_id"].to_pylist()
-    assert sorted(whole.pending(set())) == list(range(len(ids)))
-    left = whole.pending(set(ids[3:5]) | {"of another run"})
-    assert sorted(left) == [0, 1, 2, *range(5, len(ids))]
 
 
 def test_the_verb_counts_the_jobs_and_writes_their_table(campaign, tmp_path):
@@ -257,12 +233,6 @@ def test_whatever_can_change_an_answer_is_seen(name, monkeypatch):
     before = code.__wrapped__()
     monkeypatch.setitem(SOURCES, name, SOURCES[name] + b"x = 1")
     assert code.__wrapped__() != before
-
-
-def test_a_file_that_is_edited_later_is_not_what_this_process_has_loaded(monkeypatch):
-    before = code.__wrapped__()
-    monkeypatch.setattr(Path, "read_bytes", lambda path: b"x = 1")
-    assert code.__wrapped__() == before
 
 
 def test_every_module_that_a_shake_loads_is_part_of_the_identity_of_the_code():

@@ -41,7 +41,6 @@ def run(tmp_path_factory):
 
 
 def content(run):
-    """Every file of a run with its hash."""
     files = [path for path in sorted(run.rglob("*")) if path.is_file() and path.name != ".lock"]
     return {str(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 

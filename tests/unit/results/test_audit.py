@@ -5,13 +5,10 @@ import math
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
 import pytest
 import statsmodels.api as sm
 from seeded import row
 
-from toppling.orchestrator.campaign import Campaign
-from toppling.orchestrator.studies.audit import affordable
 from toppling.results.analysis.audit_statistics import JOB_COLUMNS, Audit, audits_json, audits_of, compare
 from toppling.results.reader import open_run
 from toppling.results.store import write_part
@@ -40,12 +37,10 @@ def population(seed, records=50, shift=0.04, alike=0.93, levels=14, azimuths=2):
 
 
 def first(jobs):
-    """What an audit does again."""
     return jobs.sort_values("job_id").head(SAMPLE)
 
 
 def drawn_anew(jobs, again, random):
-    """The same campaign with other hashes, and what an audit of it does again."""
     ids = [f"{number:024x}" for number in random.permutation(len(jobs))]
     jobs = jobs.assign(job_id=ids)
     return jobs, first(again.assign(job_id=ids))
@@ -57,7 +52,6 @@ def true_shift_percent(jobs, again):
 
 
 def median(jobs):
-    """Maximum likelihood of a probit over all jobs, level by level."""
     counts = jobs.astype({"toppled": float}).groupby("pga_m_s2")["toppled"].agg(["sum", "size"])
     design = sm.add_constant(np.log(counts.index.to_numpy()))
     answers = np.column_stack([counts["sum"], counts["size"] - counts["sum"]])
@@ -141,18 +135,6 @@ def test_a_second_answer_of_always_toppled_is_told_as_a_lean_to_standing():
     assert "differ beyond the intervals" in audit.sentence
 
 
-def test_contacts_of_a_run_are_not_pooled_into_one_fragility():
-    """Twice the same jobs under another friction shift as once, whatever lies between the two medians."""
-    jobs, again = population(8, records=12)
-    other = {"friction_static": 0.6, "friction_kinetic": 0.6, "pga_m_s2": jobs["pga_m_s2"] * 3.0}
-    both = [
-        pd.concat([part, part.assign(job_id="f" + part["job_id"], **other)], ignore_index=True)
-        for part in (jobs, again)
-    ]
-    one, two = compare("reference", jobs, again), compare("reference", *both)
-    assert two.median_shift_percent.value == pytest.approx(one.median_shift_percent.value, rel=1e-6)
-
-
 def saved(folder, jobs, again):
     """A run's folder with an audit by the reference and by another engine."""
     keep = [*JOB_COLUMNS, "toppled", "job_id", "pga_m_s2", "preset", "max_tilt_deg"]
@@ -198,15 +180,3 @@ def test_rows_that_came_after_the_sample_was_drawn_are_not_what_it_stands_for(tm
     audit = audits_of(open_run(tmp_path))["reference"]
     assert isinstance(audit, Audit)
     assert (audit.jobs, audit.of_jobs) == (SAMPLE, len(jobs))
-
-
-def test_jobs_that_never_move_cost_an_audit_too(tmp_path):
-    """Of 500 jobs of a second each those of half are free of steps: a tenth of the run is 50 s, of all jobs alike."""
-    campaign = Campaign.of(
-        {"scene": "s", "ensemble": "e", "pga_m_s2": [1], "azimuth_deg": [0], "friction": [0.8]}, tmp_path
-    )
-    rows = pa.table({"wall_s": [1.0] * 500, "steps": [0, 1000] * 250})
-    jobs = affordable(campaign, rows)
-    assert jobs == 0 or 40 <= jobs <= 50
-    many = affordable(campaign, pa.table({"wall_s": [1.0] * 5000}))
-    assert 40 <= many <= 500 / 4 + 1  # the reference takes four times as many steps as the default preset

@@ -6,7 +6,7 @@ import pytest
 
 from toppling.orchestrator.plan import realisations_spread
 from toppling.results.analysis.lognormal import design_of, fit
-from toppling.results.analysis.resampling import base_spread, narrowed_by, sampled
+from toppling.results.analysis.resampling import base_spread, sampled
 
 MEDIAN, RECORDS, LEVELS, AZIMUTHS = 0.5, 24, 6, 4
 FROM_RECORD, FROM_JOB = 0.25, 0.25
@@ -85,10 +85,3 @@ def test_bases_without_weight_say_nothing_of_how_far_bases_differ():
     )
     assert of_all > 0.3
     assert of_even < 0.1
-
-
-def test_what_narrows_an_interval_is_what_most_of_it_comes_from():
-    scan = {"unseen_base": {"kinds": {"flat": {}, "rough": {}}}}
-    assert "records" in narrowed_by({"records": 0.2, "base": 0.1}, scan)
-    assert "pull" in narrowed_by({"records": 0.1, "base": 0.2}, scan)
-    assert narrowed_by({}, scan) == ""

@@ -3,20 +3,16 @@
 import json
 
 import numpy as np
-import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from refusals import refused
 from scipy.stats import lognorm
-from seeded import rows
 
 from toppling.models.errors import InputError
-from toppling.models.motions.measures import MEASURES, OPENQUAKE
+from toppling.models.motions.measures import OPENQUAKE
 from toppling.results.analysis.exchange import moments, of_moments, read_curves, read_surface, write_curves
-from toppling.results.analysis.lognormal import Basis, Lognormal, Resampled, Surface, with_samples
-from toppling.results.drawing.run_figures import write_fits
-from toppling.results.schema import SCHEMA
+from toppling.results.analysis.lognormal import Basis, Lognormal, Resampled, Surface
 
 CURVES = st.builds(
     Lognormal,
@@ -44,12 +40,6 @@ def test_a_curve_survives_the_round_trip(tmp_path_factory, suffix, curve):
     # NRML goes through moments: a beta of 0.01 is a difference of 1e-4 between two squares, 1e-11 in doubles.
     assert again.median == pytest.approx(curve.median, rel=1e-12)
     assert again.beta == pytest.approx(curve.beta, rel=1e-9)
-
-
-@pytest.mark.parametrize("suffix", [".csv", ".json"])
-def test_curves_over_every_measure_are_read_back(tmp_path, suffix):
-    curves = {name: Lognormal(name, 1.0 + number, 0.3) for number, name in enumerate(MEASURES)}
-    assert read_curves(write_curves(tmp_path / f"curves{suffix}", list(curves.values()))) == curves
 
 
 BOTH = ("pga_m_s2", "pgv_m_s")
@@ -106,7 +96,6 @@ CURVE = {"measure": "pgv_m_s", "median": 1.2, "beta": 0.4}
 
 
 def lacking(name):
-    """A file in CSV and one in JSON of a curve without a column."""
     row = {key: value for key, value in CURVE.items() if key != name}
     return ("a.csv", f"{','.join(row)}\n{','.join(map(str, row.values()))}\n"), (
         "a.json",
@@ -152,20 +141,6 @@ def test_a_surface_without_three_numbers_is_refused(tmp_path, numbers):
         read_surface(path, BOTH)
 
 
-@pytest.mark.parametrize("suffix", [".xml", ".csv", ".json"])
-def test_bootstrap_samples_go_with_a_curve_to_every_file(tmp_path, suffix):
-    fitted = np.array([True, False, True])
-    drawn = Resampled(np.array([[-0.5, 2.5], [-0.6, 2.0]]), fitted, 30)
-    basis = Basis("5c3a", 570, 212, 30, 4, 2.75)
-    path = write_curves(
-        tmp_path / f"curves{suffix}", [with_samples(Lognormal("pgv_m_s", 1.2, 0.4, basis), drawn)]
-    )
-    again = read_curves(path)["pgv_m_s"].resampled
-    np.testing.assert_allclose(again.coefficients, drawn.coefficients, rtol=1e-5)
-    assert again.fitted.tolist() == fitted.tolist()
-    assert again.records == 30
-
-
 @pytest.mark.parametrize(
     "text",
     [
@@ -180,12 +155,3 @@ def test_a_curve_is_the_same_however_a_person_or_a_spreadsheet_writes_it(text, t
     assert (curve.measure, curve.median, curve.beta) == ("pga_m_s2", pytest.approx(4.5), 0.5)
     (tmp_path / "a.xml").write_text(NRML.format(FUNCTION.format("<!-- the toppling -->" + PARAMS)))
     assert curve.basis is read_curves(tmp_path / "a.xml")["pgv_m_s"].basis is None
-
-
-@pytest.mark.usefixtures("empty_figures")
-def test_a_fit_leaves_no_curve_of_a_former_one_beside_it(tmp_path):
-    jobs = pd.DataFrame(rows(records=12, azimuths=(0.0,)), columns=SCHEMA.names)
-    list(write_fits(jobs, tmp_path, "rock", samples=2))
-    assert read_curves(tmp_path / "fits" / "curves.json")
-    list(write_fits(jobs.assign(toppled=False), tmp_path, "rock", samples=2))
-    assert {path.name for path in (tmp_path / "fits").iterdir()} == {"fits.csv", "measures.csv"}

@@ -7,13 +7,11 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from click.testing import CliRunner
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from seeded import row, rows
 
 from toppling.models.motions.quality import is_beyond
-from toppling.orchestrator.cli import cli
 from toppling.results.analysis.fits import answered
 from toppling.results.analysis.fragility import (
     PLANES,
@@ -27,7 +25,6 @@ from toppling.results.analysis.fragility import (
 )
 from toppling.results.analysis.lognormal import fit
 from toppling.results.analysis.unphysical import unphysical_of
-from toppling.results.drawing.run_figures import write_maps
 from toppling.results.reader import open_run
 from toppling.results.store import write_part
 
@@ -124,33 +121,6 @@ def test_every_job_is_in_a_cell_or_counted_as_unplaced(hand_made):
         split = DirectionCells.of(crashed, plane).table
         missing = unplaced(crashed, plane, by_direction=True)
         assert split["jobs"].sum() + split["no_answer"].sum() + missing == len(crashed)
-
-
-def test_jobs_beyond_the_end_of_an_axis_are_told_in_the_title_and_in_the_table(tmp_path):
-    plane = PLANES["pgv_duration"]
-    frame = as_frame_of(rows(records=4, levels=(2, 6), azimuths=(0.0,)))
-    frame = frame.assign(duration_energy_s=[31.0, *[5.0] * (len(frame) - 1)])
-    list(write_maps(frame, tmp_path, [plane]))
-    told = pd.read_csv(tmp_path / "unplaced.csv").iloc[0]
-    assert (told["unplaced"], told["beyond"]) == (0, 1)
-    assert cells(frame, plane)["jobs"].sum() + told["beyond"] == told["jobs"]
-    drawn = (tmp_path / "pgv_duration.svg").read_text()
-    assert "7 jobs, 4 records" in drawn
-    assert "Not shown: 1 jobs from 30 s or 3 m/s on." in drawn
-
-
-@pytest.mark.thorough
-@pytest.mark.usefixtures("empty_figures")
-@pytest.mark.parametrize(("long", "whole"), [(2, False), (3, True)])
-def test_the_studys_bounds_are_kept_only_where_next_to_nothing_lies_beyond(tmp_path, long, whole):
-    jobs = rows(records=10, levels=(2, 3, 4, 5, 6), azimuths=(0.0, 90.0))  # a hundred
-    for number, one in enumerate(jobs):
-        one |= {"duration_energy_s": 47.0 if number < long else 5.0, "pgv_m_s": 1.0}
-    write_part(tmp_path, jobs)
-    CliRunner().invoke(cli, ["fragility", str(tmp_path)], catch_exceptions=False)
-    on_map = pd.read_csv(tmp_path / "fragility" / "pgv_duration.csv")
-    assert on_map["jobs"].sum() == (100 if whole else 98)
-    assert planes_of(open_run(tmp_path).frame())["pgv_duration"].x.below == (None if whole else 30.0)
 
 
 @pytest.mark.parametrize("records", [4, 12, 200])

@@ -12,7 +12,7 @@ from toppling.results.hazard.ages import exposure, joint_ages, parse_age
 from toppling.results.hazard.curves import NODES_PER_E_FOLD, HazardCurve, continued
 from toppling.results.hazard.events import Standing
 from toppling.results.hazard.survival import inconsistent_rate, toppling_rate, unexceeded, unstated_fractions
-from toppling.results.hazard.tree import Branch, HazardTree, branch_weights
+from toppling.results.hazard.tree import Branch, HazardTree
 from toppling.results.hazard.update import Update
 
 
@@ -56,7 +56,6 @@ def stood(*ages):
 
 
 def survival(curves, ages, hazard):
-    """Of rocks of some fragilities and ages under one curve."""
     rocks = [Standing(str(number), curve) for number, curve in enumerate(curves)]
     tree = HazardTree("pgv_m_s", (Branch(hazard.name, 1.0, hazard),))
     return Update.of_curves(rocks, tree, stood(*ages)).survival[0]
@@ -88,11 +87,6 @@ def test_before_the_younger_rock_stood_only_the_older_could_topple():
     hazard = power_law()
     exponent = 4000 * toppling_rate([ROCK], hazard) + 1000 * toppling_rate([ROCK, ROCK], hazard)
     assert survival([ROCK, ROCK], ["1000", "5000"], hazard) == pytest.approx(math.exp(-exponent))
-
-
-def test_bayes_weights_follow_the_survivals():
-    np.testing.assert_allclose(branch_weights([0.5, 0.5], [0.3, 0.1]), [0.75, 0.25])
-    assert np.isnan(branch_weights([0.5, 0.5], [0.0, 0.0])).all()
 
 
 def test_a_inconsistent_rate_is_one_under_which_the_rock_cannot_have_survived():

@@ -72,11 +72,9 @@ TABLE = "event_id,annual_rate,PGA (g),fault\n1,1E-03,0.5,Sévérac\n2,0.0002,0.2
     ("name", "content"),
     [
         ("a.csv", f"# mine\n# more\n{TABLE}".encode()),
-        ("a.tsv", TABLE.replace(",", "\t").encode()),
         ("a.csv", TABLE.replace(",", ";").replace("0.", "0,").encode()),
         ("a.csv", TABLE.replace("event_id,annual_rate", "Event_ID,Annual_Rate").encode()),
         ("a.csv", b"event_id,annual_rate,PGA (cm/s2)\n1,1E-03,490.3325\n2,0.0002,245.16625\n"),
-        *(("a.csv", TABLE.encode(each)) for each in ("utf-8-sig", "utf-16", "latin-1")),
     ],
 )  # fmt: skip
 def test_a_table_of_events_is_the_same_however_it_is_written(tmp_path, name, content):

@@ -14,7 +14,7 @@ from toppling.results.hazard.events import Standing
 from toppling.results.hazard.readers import read_hazard
 from toppling.results.hazard.readers.assembly import chosen_tree
 from toppling.results.hazard.survival import toppling_rate
-from toppling.results.hazard.tree import Branch, HazardTree, branch_weights, statistics, weighted_fractile
+from toppling.results.hazard.tree import Branch, HazardTree, branch_weights, statistics
 from toppling.results.hazard.update import Update
 
 G = 9.80665
@@ -35,7 +35,6 @@ def four(folder):
 
 @pytest.fixture(scope="module")
 def mean(folder):
-    """As the engine prints it."""
     found = read_hazard(folder / "hazard_curve-mean-PGA_6.csv")
     return chosen_tree(found, "pga_m_s2", PLACES[0], "mean").curves[0]
 
@@ -83,12 +82,6 @@ def test_a_branch_without_any_event_counts_with_a_rate_of_zero():
     tree = HazardTree("pga_m_s2", (Branch("a", 0.5, curve(0.4, 0.2)), Branch("quiet", 0.5, curve(0.0, 0.0))))
     np.testing.assert_allclose(probability_of(statistics(tree).mean, 50.0), [0.2, 0.1])
     assert toppling_rate([Lognormal("pga_m_s2", 1.0, 0.3)], tree.curves[1]) == 0.0
-
-
-def test_fractiles_are_read_off_the_cumulated_weights():
-    values, weights = np.array([[3.0], [1.0], [2.0]]), np.array([0.2, 0.5, 0.3])
-    for q, value in ((0.1, 1.0), (0.5, 1.0), (0.65, 1.5), (0.8, 2.0), (0.9, 2.5), (1.0, 3.0)):
-        assert weighted_fractile(values, weights, q)[0] == pytest.approx(value)
 
 
 def test_branches_at_other_levels_are_interpolated_where_all_have_rates():

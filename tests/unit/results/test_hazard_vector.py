@@ -19,7 +19,6 @@ SURFACES = [Surface((PGA, PGV), one) for one in ((1.0, 1.2, 2.5), (0.0, 0.5, 3.0
 
 
 def of_earthquakes(rate, mean_pga, sigma_pga, mean_pgv, sigma_pgv):
-    """Curves of earthquakes of lognormal motions."""
     x, y = np.geomspace(0.02, 40, 40), np.geomspace(0.002, 8, 40)
     above = [
         (rate * norm.sf((np.log(levels)[:, None] - mean) / sigma)).sum(axis=1)

@@ -78,15 +78,3 @@ def test_the_lines_pass_where_the_surface_has_their_probability():
     spread = np.log(high["pga_m_s2"].to_numpy() / low["pga_m_s2"].to_numpy())
     np.testing.assert_allclose(spread, 2 * 2.326 * 0.4, rtol=0.08)
     assert (np.diff(low["pga_m_s2"]) < 0).all()
-
-
-def test_answers_that_a_line_divides_have_lines_where_it_is():
-    pga, pulse = (grid.ravel() for grid in np.meshgrid(np.arange(1.0, 20.0), [0.05, 0.1, 0.2]))
-    toppled = pga * (pulse / 0.1) ** 0.5 > 7.5
-    simulated = pd.DataFrame({"pga_m_s2": pga, "pgv_pga_s": pulse, "toppled": toppled, "azimuth_deg": 0.0})
-    lines = reference_lines(simulated.assign(record_id=[f"R{value:g}" for value in pulse]))
-    low, high = (lines[lines["probability"] == part]["pga_m_s2"].to_numpy() for part in (0.01, 0.99))
-    dividing = 7.5 * (lines["pgv_pga_s"].unique() / 0.1) ** -0.5
-    assert (low < dividing).all()
-    assert (dividing < high).all()
-    np.testing.assert_allclose(np.sqrt(low * high), dividing, rtol=0.15)

@@ -23,7 +23,6 @@ START = Verdict("pgv_m_s", None, None, ended=False, reason="", jobs_needed=0)
 
 
 def independent(jobs, seed=1, median=1.5, beta=0.4, spread=0.5):
-    """Jobs of as many records."""
     random = np.random.default_rng(seed)
     log_x = math.log(median) + random.normal(0.0, spread, jobs)
     toppled = random.normal(0.0, beta, jobs) < log_x - math.log(median)
@@ -157,7 +156,7 @@ def test_levels_lie_where_the_curve_is_uncertain_and_some_at_random(bench):
     assert np.mean((share > 0.1) & (share < 0.9)) > 0.7
 
 
-def with_plateau(bench, seed, monkeypatch):
+def with_plateau(bench, seed):
     """A campaign of which three jobs in ten stand whatever the shaking."""
     pool, ask = bench.synthetic(seed)
     stands = np.random.default_rng([seed, 7]).random(pool.rows.size) < 0.3
@@ -171,23 +170,6 @@ def with_plateau(bench, seed, monkeypatch):
     return pool, asked
 
 
-def of_two_medians(bench, seed, monkeypatch):
-    """A campaign half of whose jobs have thresholds three times those of the others."""
-    asks = []
-    for median in (3.0**-0.5, 3.0**0.5):
-        monkeypatch.setattr(bench, "MEDIAN_M_S", median)
-        pool, ask = bench.synthetic(seed, beta=0.2)
-        asks.append(ask)
-    strong = np.random.default_rng([seed, 8]).random(pool.rows.size) < 0.5
-
-    def asked(chosen):
-        one, other = (ask(chosen)["pgv_m_s"] for ask in asks)
-        toppled = np.where(strong[chosen], other.toppled, one.toppled)
-        return {"pgv_m_s": dataclasses.replace(one, toppled=toppled)}
-
-    return pool, asked
-
-
 @pytest.mark.thorough
 def test_of_lognormal_campaigns_at_most_one_in_twenty_is_said_to_be_none(bench):
     plays = [bench.play(*bench.synthetic(seed), Target(), 0.1, seed) for seed in range(60)]
@@ -195,9 +177,8 @@ def test_of_lognormal_campaigns_at_most_one_in_twenty_is_said_to_be_none(bench):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("campaign", [with_plateau, of_two_medians])
-def test_most_campaigns_that_are_no_lognormal_say_so_and_by_how_much(bench, monkeypatch, campaign):
-    plays = [bench.play(*campaign(bench, seed, monkeypatch), Target(), 0.1, seed) for seed in range(10)]
+def test_most_campaigns_that_are_no_lognormal_say_so_and_by_how_much(bench):
+    plays = [bench.play(*with_plateau(bench, seed), Target(), 0.1, seed) for seed in range(10)]
     told = [one for one in plays if one.verdict.departure is not None]
     # Nine in ten do of 60 campaigns.
     assert len(told) >= 7
@@ -222,15 +203,6 @@ def test_levels_that_do_not_reach_the_curve_are_said_to_be_too_weak(bench):
     assert told.estimate is None
     assert "no job" in told.reason
     assert "stronger levels" in told.reason
-
-
-def test_records_that_bear_less_than_is_asked_are_counted(bench):
-    pool, ask = bench.synthetic(5, records=12, of_records=0.8)
-    told = bench.play(pool, ask, Target(), 0.02, 1).verdict
-    assert told.ended
-    assert told.reason.startswith("12 records bear ")
-    more = int(told.reason.split("some ")[1].split()[0])
-    assert more > 12
 
 
 @pytest.mark.slow

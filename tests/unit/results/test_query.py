@@ -259,12 +259,6 @@ def test_a_query_that_needs_too_much_memory_is_refused(run, monkeypatch, query):
         run.sql(query)
 
 
-def test_an_answer_within_the_limits_is_whole(run):
-    assert run.sql("select * from range(123456)").num_rows == 123456
-    assert run.sql("select job_id from results where false").column_names == ["job_id"]
-    assert len(run.frame("toppled")) == 1
-
-
 POOLED = (
     "select level_pga_m_s2, avg(toppled::int) p, count(toppled) n from results group by all -- engine, 'run'"
 )
@@ -289,16 +283,6 @@ def test_rows_of_runs_that_differ_never_share_a_cell_unasked(tmp_path, column, o
         assert len(ask(runs, f"select {name}, level_pga_m_s2 l, count(*) n from results group by all")) == 4
     assert len(ask(runs, f"select count(*) n from results where {column} = '{other}'")) == 1
     assert len(ask(runs, "select * from results")) == 8
-
-
-def test_runs_that_differ_in_two_columns_are_told_apart_by_both(tmp_path):
-    runs = [
-        made(tmp_path / "a"), made(tmp_path / "b", engine="mujoco"),
-        made(tmp_path / "c", engine="mujoco", preset="fast"),
-    ]  # fmt: skip
-    with refused("query.runs_differ"):
-        ask(runs, "select engine, count(*) n from results group by all")
-    assert len(ask(runs, "select engine, preset, count(*) n from results group by all")) == 3
 
 
 def test_runs_that_do_not_differ_and_other_tables_are_pooled(tmp_path):

@@ -21,7 +21,7 @@ from toppling.results.drawing.report.content import Content
 from toppling.results.drawing.report.headline import first_screen
 from toppling.results.drawing.report.sections import methods
 from toppling.results.drawing.templates import Document
-from toppling.results.reader import Completeness, open_run
+from toppling.results.reader import open_run
 from toppling.results.store import write_part
 
 LEVELS = (4, 8, 12)
@@ -48,12 +48,6 @@ def unfinished(tmp_path_factory):
     return folder / "run"
 
 
-def test_what_is_left_is_told_and_nothing_of_a_finished_run_or_one_of_no_plan():
-    assert Completeness(4320, 1602).remark == "2,718 of 4,320 jobs have not run"
-    assert Completeness(2, 1).remark == "1 of 2 jobs has not run"
-    assert Completeness(2, 2).remark == Completeness(None, 2).remark == ""
-
-
 def test_the_report_its_methods_and_its_figures_say_it_first(unfinished):
     content = Content(open_run(unfinished), samples=2)
     assert methods(content).startswith(f"The ensemble was not completed: {REMARK}.")
@@ -76,13 +70,6 @@ def test_fragility_says_it_first_and_its_curves_keep_it(unfinished, drawn_alone,
         assert curve.median_interval[0] < curve.median < curve.median_interval[1]
     for figure in ("pga_pgv", "directions", "fits/fits"):
         assert REMARK in (tmp_path / f"{figure}.svg").read_text()
-
-
-def test_a_query_says_it_beside_its_answer(unfinished):
-    asked = ["query", str(unfinished), "select count(*) n from results", "--csv"]
-    done = CliRunner().invoke(cli, asked, catch_exceptions=False)
-    assert done.stdout == "n\n27\n"
-    assert done.stderr == f"{unfinished} is unfinished: {REMARK}\n"
 
 
 def test_rows_that_were_stored_and_are_not_there_are_said_to_be_lost(unfinished, tmp_path):

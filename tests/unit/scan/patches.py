@@ -11,7 +11,6 @@ LEVEL = Interface(np.zeros(3), np.array([0.0, 0.0, 1.0]), np.eye(3), 0.0)
 
 
 def wall(corner, along, up, normal):
-    """Patches (n, 3) of a rectangle and their normals."""
     across, rise = np.linalg.norm(along), np.linalg.norm(up)
     s, t = np.meshgrid(*(np.arange(0.5 * VOXEL_M, each, VOXEL_M) / each for each in (across, rise)))
     points = np.asarray(corner) + s.reshape(-1, 1) * np.asarray(along) + t.reshape(-1, 1) * np.asarray(up)
@@ -19,7 +18,6 @@ def wall(corner, along, up, normal):
 
 
 def box(low, high, sides="ewns"):
-    """Top and sides of a box, as patches."""
     (x, y, z), (a, b, c) = low, high
     parts = [wall((x, y, c), (a - x, 0, 0), (0, b - y, 0), (0, 0, 1))]
     faces = {
@@ -74,5 +72,4 @@ def level(half_m, step_m, height_m=0.0):
 
 
 def upward(points, voxel_m=VOXEL_M):
-    """Patches that all face upward."""
     return Surfels(points, np.tile([0.0, 0.0, 1.0], (len(points), 1)), np.zeros(len(points)), voxel_m)

@@ -23,7 +23,6 @@ pytestmark = pytest.mark.usefixtures("few_draws", "no_pictures")
 
 @pytest.fixture(scope="module")
 def rock(surveyed, tmp_path_factory):
-    """The folder of the stump's scene."""
     return save_survey(surveyed, tmp_path_factory.mktemp("again") / "rock")
 
 
@@ -40,7 +39,6 @@ def bearable(scene):
 
 @pytest.fixture(scope="module")
 def later(rock):
-    """The scene with a pull that was said later."""
     again = ["scan", "--again", str(rock), "--out", str(rock.with_name("later"))]
     done = CliRunner().invoke(main, [*again, "--pull", "N50E", f"{bearable(rock)}"])
     assert done.exit_code == 0, done.output
@@ -87,7 +85,6 @@ def test_what_was_kept_is_read_only_whole(rock, tmp_path):
 
 @pytest.fixture(scope="module")
 def other(rock, later):
-    """Files of another scene, each whole."""
     other = shutil.copytree(later, rock.with_name("other"))
     np.savez_compressed(other / LABELS, label=np.zeros(9, np.int8))
     seal_archive(other / LABELS)
@@ -153,7 +150,6 @@ SAID = {
 
 
 def asked(monkeypatch, *options):
-    """What the command line asks for."""
     found = {}
 
     def scan(_files, _out, **given):

@@ -17,7 +17,6 @@ SEED = 1
 
 @pytest.fixture(scope="module")
 def stump(bare):
-    """Points of the stations, and their true labels."""
     return [station.points_m for station in bare[0]], [station.label for station in bare[0]]
 
 
@@ -101,14 +100,6 @@ def test_a_cloud_without_a_rock_that_stands_is_refused(tmp_path, stump, make, wh
     said = refusal(tmp_path, files)
     assert what in said.what
     assert where in said.where
-
-
-def test_a_scene_that_exists_is_left_alone(tmp_path):
-    (tmp_path / "scene").mkdir()
-    (tmp_path / "scene" / "mine.txt").write_text("precious")
-    done = CliRunner().invoke(cli, ["scan", "cloud.laz", "--out", str(tmp_path / "scene")])
-    assert isinstance(done.exception, FileExistsError)
-    assert [path.name for path in (tmp_path / "scene").iterdir()] == ["mine.txt"]
 
 
 def test_a_place_beside_which_nothing_stands_names_no_rock(stump):

@@ -47,7 +47,6 @@ def slabs(pitch_m=VOXEL_M):
 
 
 def ground(below, on_slabs=False):
-    """Points of the pedestal beside a block, and below it but for its feet."""
     points = level(0.8, 0.006)
     deep = np.abs(points[:, :2])
     under = (deep < HALF_M).all(axis=1)
@@ -93,7 +92,6 @@ def test_what_was_not_seen_bulges_sideways_no_farther_than_a_corner_may_and_not_
 
 
 def plate(corner, u, v):
-    """Places on a rectangle."""
     s, t = (np.arange(0.5, np.linalg.norm(way) / VOXEL_M) * VOXEL_M / np.linalg.norm(way) for way in (u, v))
     return (corner + s[:, None, None] * np.array(u) + t[None, :, None] * np.array(v)).reshape(-1, 3)
 

@@ -17,7 +17,7 @@ from toppling.models.scan import virtual
 from toppling.models.scan.close import body_over
 from toppling.models.scan.crevice import grid_triangles
 from toppling.models.scan.ground import faceted, pedestal_surface
-from toppling.models.scan.interface import Interface, Sheet, between_nodes
+from toppling.models.scan.interface import Interface, Sheet
 from toppling.models.scan.segment import ROCK, cut_over, segment
 from toppling.models.scan.survey import save_survey, survey
 from toppling.models.scan.uncertainty import outside_support_m
@@ -86,7 +86,6 @@ def carried(points_m):
 
 
 def below_the_base(height_at):
-    """Places (n, 3) of the surface below the base."""
     random = np.random.default_rng(0)
     x, y = random.uniform(-0.25, 0.25, (2, 400))
     return np.column_stack([x, y, height_at(x, y)])
@@ -175,29 +174,6 @@ def test_a_rock_that_touches_along_a_line_is_outside_its_support():
     rock = Rock.from_triangles(np.array(edge.vert_properties[:, :3]), np.array(edge.tri_verts, np.int64))
     plane = Interface.through(np.zeros(3), np.array([0.0, 0.0, 1.0]))
     assert outside_support_m(rock, plane) == np.inf
-
-
-def test_surface_is_linear_within_the_triangles_of_its_mesh():
-    lattice = 0.1
-    nodes = lattice * np.stack(np.meshgrid(np.arange(5), np.arange(4), indexing="ij"), axis=-1)
-    height = np.random.default_rng(1).normal(size=(5, 4))
-
-    def at_nodes(places):
-        i, j = np.rint(np.moveaxis(places, -1, 0) / lattice).astype(int)
-        return height[np.minimum(i, 4), np.minimum(j, 3)]
-
-    flat = nodes.reshape(-1, 2)
-    assert between_nodes(flat, lattice, at_nodes) == pytest.approx(height.ravel())
-    for triangle in grid_triangles(height.shape):
-        share = np.array([0.2, 0.5, 0.3])
-        middle = share @ flat[triangle]
-        assert between_nodes(middle, lattice, at_nodes) == pytest.approx(share @ height.ravel()[triangle])
-
-
-def test_sheet_survives_its_document():
-    sheet = Sheet(np.array([[0.1, 0.2, 0.3]]), "curve", np.array([[1.0, 0.5, 2.0]]), np.ones(2), 0.4, 0.05)
-    places = np.random.default_rng(2).normal(size=(20, 2))
-    assert np.array_equal(Sheet.of(sheet.to_json()).at(places), sheet.at(places))
 
 
 def tipped_in_truth_m_s2(height_at, azimuths_deg, truth_on=truth_on):

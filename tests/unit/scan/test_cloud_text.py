@@ -110,13 +110,6 @@ def text(form, decimal=".", points=POINTS_M):
     return "".join(form.format(*(f"{c:.3f}".replace(".", decimal) for c in row)) for row in points)
 
 
-@pytest.mark.parametrize(("form", "decimal"), TEXTS.values(), ids=TEXTS)
-def test_decimal_commas_and_other_separators_are_read_where_nobody_can_mistake_them(tmp_path, form, decimal):
-    path = tmp_path / "cloud.txt"
-    path.write_bytes(text(form, decimal).encode())
-    np.testing.assert_allclose(read(path), POINTS_M, atol=1e-3)
-
-
 BLANKS, COMMAS = text("{} {} {}\n"), text("{},{},{}\n")
 PLAIN, LINES = BLANKS.encode(), BLANKS.splitlines()
 CELLS = text("{},{},{},\n").splitlines()

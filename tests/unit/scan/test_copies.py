@@ -37,26 +37,8 @@ def test_no_two_different_points_are_taken_for_copies():
     assert copies(np.vstack([grid, grid, grid])).sum() == 2 * len(grid)
 
 
-@pytest.mark.parametrize(("share", "stay"), [(0.05, True), (0.3, True), (0.45, False)])
-def test_some_points_of_a_large_cloud_tell_whether_its_copies_stay(share, stay):
-    nodes = np.random.default_rng(4).permutation(90**3)[:700_000]
-    once = np.column_stack(np.unravel_index(nodes, (90, 90, 90))) * 0.25
-    again = round(share * len(once) / (1.0 - share))
-    found = copies(np.vstack([once, once[:again]]))
-    assert (found is None) == stay
-    assert found is None or found.sum() == again
-
-
-def test_steps_as_wide_as_the_spacing_take_no_points_away():
-    rng = np.random.default_rng(3)
-    sheet = np.column_stack([rng.uniform(0.0, 1.0, (10_000, 2)).round(2), np.zeros(10_000)])
-    assert 0.2 < 1.0 - len(np.unique(sheet, axis=0)) / 10_000 < 0.4
-    assert copies(sheet) is None
-
-
 @pytest.fixture(scope="module")
 def seen(stump, tmp_path_factory):
-    """Points of the stump, and the file of them."""
     points_m = stump[1].points_m[::2]
     file = tmp_path_factory.mktemp("whole") / "once.ply"
     ply(file, points_m)

@@ -7,7 +7,7 @@ from refusals import refused
 
 from toppling.models.hidden_base.gap import hidden_base
 from toppling.models.hidden_base.near_interface import NearInterface
-from toppling.models.scan.crevice import judge_crevice, not_strays
+from toppling.models.scan.crevice import judge_crevice
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.segment import PEDESTAL, ROCK
 
@@ -19,13 +19,11 @@ def level_at(height_m):
 
 
 def sheet(height_m, apart_m=0.02):
-    """Ground of 2 m by 2 m, and a little noise."""
     points = level(1.0, apart_m)
     return points + np.outer(np.random.default_rng(1).normal(height_m, 1e-3, len(points)), [0.0, 0.0, 1.0])
 
 
 def side(low_m, high_m):
-    """A round rock's side between two heights."""
     turn, up = np.meshgrid(np.arange(0.0, 2 * np.pi, 0.05), np.arange(low_m, high_m, 0.02))
     return np.column_stack([0.4 * np.cos(turn.ravel()), 0.4 * np.sin(turn.ravel()), up.ravel()])
 
@@ -44,8 +42,7 @@ def test_a_foot_that_lies_on_the_pedestal_as_a_station_that_is_off_shows_it_is_r
 
 
 @pytest.mark.parametrize(
-    ("height_m", "missing"),
-    [(1.0, "interface.too_few_points"), (-0.5, "interface.too_few_points")],
+    ("height_m", "missing"), [(1.0, "interface.too_few_points"), (-0.5, "interface.too_few_points")]
 )
 def test_an_interface_given_through_the_rock_or_below_the_pedestal_is_refused(height_m, missing):
     with refused(missing):
@@ -93,7 +90,3 @@ def test_the_face_of_a_cliff_below_the_rock_stays_the_pedestals():
 def test_no_base_hangs_in_a_rim_that_was_not_seen():
     with refused("interface.too_few_points", "0"):
         hidden_base(NearInterface(np.empty((0, 3)), sheet(0.0), HEIGHT_M))
-
-
-def test_fewer_points_than_have_six_neighbours_are_strays():
-    assert [int(not_strays(side(0.0, 0.02)[:count]).sum()) for count in (0, 6, 8)] == [0, 0, 8]

@@ -44,7 +44,6 @@ SHAPES = {
 
 @functools.cache
 def closed(name):
-    """The true rock, what tripods saw of it, and the closed rock."""
     truth = virtual.on_slope(SHAPES[name](), virtual.ground(6.0, 1.0, 3, cells=60), 0.0, 0.0)
     cloud = seen_from_tripods(truth, 1)
     height_m = truth.rock.height_m

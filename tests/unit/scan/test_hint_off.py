@@ -33,7 +33,6 @@ def column_on_the_slope(bumps_m=0.0):
 
 
 def told(hint):
-    """What is told of a hint about it."""
     surfels, rock = column_on_the_slope()
     ground, side = surfels.points_m[~rock], surfels.points_m[rock]
     side = side[side[:, 2] < 0.3]

@@ -2,7 +2,6 @@
 
 import dataclasses
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,9 +12,9 @@ from refusals import refused
 from toppling.models.hidden_base import evidence as base_kinds
 from toppling.models.hidden_base import from_scan as unseen
 from toppling.models.hidden_base.draws import BaseDraw, UnseenBase
-from toppling.models.hidden_base.evidence import OTHER_ERRORS_SHARE, check_spanned
-from toppling.models.hidden_base.from_scan import AZIMUTHS_DEG, DrawnBases, contradiction, draw_bases
-from toppling.models.hidden_base.gap import GapDraw, hidden_base, way_out
+from toppling.models.hidden_base.evidence import OTHER_ERRORS_SHARE
+from toppling.models.hidden_base.from_scan import AZIMUTHS_DEG, DrawnBases, draw_bases
+from toppling.models.hidden_base.gap import GapDraw, hidden_base
 from toppling.models.hidden_base.inspection import Inspection, inspection_of
 from toppling.models.hidden_base.observed import reliefs
 from toppling.models.hidden_base.standing import check_inspection, nominal_draw
@@ -33,7 +32,6 @@ STD_M = np.full(3, 0.004)
 
 
 def seen_as(side, floor):
-    """An upright column of which so much was seen."""
     out = side * [1.0, 1.0, 0.0] / np.linalg.norm(side[:, :2], axis=1)[:, None]
     patches = Surfels(side, out, np.zeros(len(side)), PITCH_M)
     return ObservedRock(side, floor, side, floor, patches, np.ones(len(side), bool), HEIGHT_M, None)
@@ -91,19 +89,6 @@ def test_a_pull_with_which_few_bases_agree_has_more_of_them_drawn(column, few_ca
     assert np.ptp(drawn.com_interval_m()[:, [0, 2]], axis=1).min() > 0.0
 
 
-def test_ratios_outside_of_what_the_draws_span_are_refused_beyond_their_error_only():
-    ratios, weight = np.linspace(0.1, 0.2, 21)[:, None], np.ones(21)
-    for near in (0.1, 0.15, 0.2, 0.095, 0.21):
-        check_spanned([(330.0, near)], ratios, weight)
-    for far in (0.05, 0.3, 1.0):
-        with refused("base.pull_beyond", "0.1 to 0.2"):
-            check_spanned([(330.0, far)], ratios, weight)
-    # A draw that is next to never kept spans nothing.
-    stray = np.append(ratios, [[1.0]], axis=0)
-    with refused("base.pull_beyond", "0.1 to 0.2"):
-        check_spanned([(330.0, 1.0)], stray, np.append(weight, 1e-4))
-
-
 def drawn_of(toppling_m_s2, distinct=True):
     count = len(toppling_m_s2)
     gaps = [GapDraw(np.zeros(4), 0.0, number) for number in range(count if distinct else 1)]
@@ -121,7 +106,6 @@ SMOOTH = np.array(
 
 
 def on_bases(halves):
-    """Draws of square bases of the block, and how they topple."""
     corners = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
     base = UnseenBase(0.05, tuple(BaseDraw(half * corners) for half in halves))
     return base, drawn_of([SMOOTH * half / 0.3 for half in halves])
@@ -250,39 +234,11 @@ def test_touching_nowhere_else_needs_three_places_and_no_flat_base():
     Inspection(FEET_M, touch_only=True, base="rough").check(*around)
 
 
-def test_each_kind_has_its_share_of_the_weight_however_many_candidates_it_has():
-    gaps = [GapDraw(np.zeros(4), -float(k), k, kind) for kind in ("flat", "rough", "rough") for k in range(4)]
-    weight = base_kinds.mixed_weights(gaps, {"flat": 0.3, "rough": 0.7})
-    of_flat = np.array([gap.kind == "flat" for gap in gaps])
-    assert weight[of_flat].sum() == pytest.approx(0.3)
-    assert weight[~of_flat].sum() == pytest.approx(0.7)
-
-
-def test_the_way_out_is_nothing_in_the_middle_and_whole_on_the_outline_however_long_the_base():
-    turn = np.linspace(0.0, 2.0 * np.pi, 64, endpoint=False)
-    outline = np.column_stack([3.0 * np.cos(turn), np.sin(turn)])
-    places = np.vstack([[[0.0, 0.0]], 0.5 * outline, outline])
-    way = way_out(places)
-    assert way[0] == pytest.approx(0.0, abs=1e-9)
-    np.testing.assert_allclose(way[1:65], 0.5, atol=1e-9)
-    np.testing.assert_allclose(way[65:], 1.0, atol=1e-9)
-
-
 def test_draws_that_are_alike_leave_the_errors_that_no_draw_shows():
     drawn = drawn_of([SMOOTH, SMOOTH])
     low, median, high = drawn.interval_m_s2()
     np.testing.assert_allclose(median - low, 1.645 * OTHER_ERRORS_SHARE * SMOOTH)
     np.testing.assert_allclose(high - median, 1.645 * OTHER_ERRORS_SHARE * SMOOTH)
-
-
-@pytest.mark.parametrize(("east_m", "told"), [(0.7, "0.2 m beside every place"), (0.3, "no contacts around")])
-def test_a_weight_line_is_told_by_how_far_it_passes_beside_all_that_may_touch(east_m, told):
-    square = np.array([[x, y] for x in (-0.5, 0.5) for y in (-0.5, 0.5)] + [[2.0, 0.0]])
-    seen_open = np.array([0.0, 0.0, 0.0, 0.0, 0.01])  # daylight below the last place
-    part = SimpleNamespace(observed=SimpleNamespace(places_m=square, floor_m=seen_open))
-    said = contradiction(part, np.array([east_m, 0.0]), LEVEL, Inspection())
-    assert told in said.what
-    assert f"at {east_m:.2f}, 0.00" in said.what
 
 
 def test_a_file_tells_places_that_touch_from_places_with_daylight(tmp_path):

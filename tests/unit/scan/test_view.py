@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from toppling.models.scan.surfels import around, picked, thinned
+from toppling.models.scan.surfels import picked, thinned
 
 
 @pytest.fixture(scope="module")
@@ -32,9 +32,3 @@ def test_a_click_means_the_point_nearest_to_its_ray(wall):
         assert picked(wall, place, eye, shown.spacing_m) == row
     behind = np.vstack([wall, wall + np.array([0.0, 0.5 * shown.spacing_m, 0.0])])
     assert picked(behind, wall[44], eye, shown.spacing_m) == 44
-
-
-def test_where_nothing_is_near_a_click_means_the_nearest_point(wall):
-    away = np.array([50.0, 0.0, 1.0])
-    assert picked(wall, away, np.zeros(3), 0.01) == np.argmin(np.linalg.norm(wall - away, axis=1))
-    assert len(around(wall, away, 1.0)) == 0

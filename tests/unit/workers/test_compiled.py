@@ -1,21 +1,17 @@
 """Compiled code is executed as it is found: it is kept where only its user can write, and made once."""
 
-import ast
 import os
-import re
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-from numba.core.compiler import Flags
 from numba.core.runtime import _nrt_python, rtsys
 
 from toppling import Motion, Scene, shake
-from toppling.models.compiled import _COMPILED_ROOMS, FOLDER, _private_folder, _QuickFlags, _VerifiedFile
+from toppling.models.compiled import _private_folder, _VerifiedFile
 from toppling.models.pedestal import ContactProperties
-from toppling.workers.shaking import compile_once
 
 SHAKE = """
 import numpy as np
@@ -154,40 +150,6 @@ def test_code_is_found_again_wherever_its_source_lies(tmp_path):
     assert kept[0] == kept[1]
 
 
-def test_flags_that_are_compared_quickly_are_equal_where_numbas_own_are():
-    own = [Flags() for _ in range(3)]
-    own[1].nrt, own[2].nrt = False, True  # the first of these as by default
-    quick = [_QuickFlags(each).copy() for each in own]
-    for i in range(3):
-        for j in range(3):
-            assert (
-                (quick[i] == quick[j]) == (quick[i] == own[j]) == (own[i] == quick[j]) == (own[i] == own[j])
-            )
-            assert own[i] != own[j] or hash(quick[i]) == hash(own[j])
-    assert quick[0] == quick[1] != quick[2]
-
-
-@pytest.mark.skipif(FOLDER is None, reason="nothing is kept")
-def test_no_compiled_function_brings_along_the_text_of_an_error_about_shapes():
-    """It comes with the assignment of a whole row, and takes seconds to compile."""
-    compile_once()
-    kept = [path.read_bytes() for path in FOLDER.rglob("*.nbc")]
-    assert len(kept) > 2
-    assert not any(b"shape_context" in each for each in kept)
-
-
-def test_memory_is_counted_wherever_a_compiled_function_returns_arrays():
-    for room in _COMPILED_ROOMS:
-        for path in room.rglob("*.py"):
-            for function in ast.parse(path.read_text()).body:
-                if not isinstance(function, ast.FunctionDef) or function.returns is None:
-                    continue
-                decorators = [ast.unparse(each) for each in function.decorator_list]
-                if "inner" in decorators or "compiled" in decorators:
-                    returned = ast.unparse(function.returns)
-                    assert not re.search("Array|Indices|Flags|Complex", returned), f"{path}: {function.name}"
-
-
 def test_shakes_leave_no_array_of_compiled_code_behind():
     scene, friction = Scene.block(0.3, 0.3, 1.0), ContactProperties(0.4, 0.3, 0.2)
     time_s = np.arange(0.0, 2.0, 0.005)
@@ -201,16 +163,3 @@ def test_shakes_leave_no_array_of_compiled_code_behind():
     assert after.mi_alloc > before.mi_alloc  # it slips, which is solved with arrays made on the way
     # What a shake before had left to a cache may be freed too.
     assert after.mi_alloc - before.mi_alloc <= after.mi_free - before.mi_free
-
-
-@pytest.mark.thorough
-def test_what_is_compiled_once_serves_every_shake_with_one_signature():
-    program = (
-        "from toppling.models.ground.creeping import settle\n"
-        "from toppling.workers.shaking import _use_everything\n"
-        "from toppling.workers.stepping import take_steps\n"
-        "_use_everything()\n"
-        "print(len(settle.signatures), len(take_steps.signatures))\n"
-    )
-    ran = subprocess.run([sys.executable, "-P", "-c", program], capture_output=True, text=True, check=True)
-    assert ran.stdout.split() == ["1", "1"]

@@ -27,7 +27,6 @@ def solve_all(contacts, number, friction, inverse_inertia, velocity, room):
 
 
 def solve(contacts, friction, inverse_inertia, velocity, room):
-    """Solve one problem in place, by the code that is compiled for many."""
     many = (
         contacts[None],
         np.array([len(contacts)]),
@@ -175,20 +174,3 @@ def test_the_farthest_load_that_is_held_is_that_of_the_linear_programme_over_all
             assert held.tolist() == [True, False]
         assert farthest_load(columns, weight, way, 0.65, more_than=far + 1e-3) is None
         assert farthest_load(columns, weight, way, 0.65, more_than=far - 1e-3) == pytest.approx(far, rel=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("load", "way", "far"),
-    [((0, 0, -1), (1, 0, 0), 0.2), ((0, 0, 1), (1, 0, 0), None), ((0, 0, -1), (0, 0, -1), np.inf)],
-)
-def test_loads_away_from_all_contacts_are_held_by_none(load, way, far):
-    arms = np.array([[0.1, 0.0, -0.5], [-0.1, 0.1, -0.5], [-0.1, -0.1, -0.5]])
-    up, load, way = np.tile([0.0, 0.0, 1.0], (3, 1)), np.array(load, float), np.array(way, float)
-    found = farthest_load(wrenches(arms, up, 0.6), load, way, 0.5)
-    assert found == far if far is None else found == pytest.approx(far, rel=1e-6)
-
-
-def test_no_contacts_hold_no_load():
-    nothing, down = wrenches(np.zeros((0, 3)), np.zeros((0, 3)), 0.6), np.array([0.0, 0.0, -1.0])
-    assert farthest_load(nothing, down, np.array([1.0, 0.0, 0.0]), 0.5) is None
-    assert are_held(nothing, down[None], 0.5).tolist() == [False]

@@ -23,7 +23,6 @@ def ensemble(tmp_path_factory):
 
 
 def realised(scene, ensemble, realisation):
-    """The scene that a job of this realisation shakes."""
     record = ensemble.record(ensemble.record_ids[0])
     spec = JobSpec(
         scene.id,

@@ -75,12 +75,7 @@ def las(path: Path) -> Points:
             points[rows, 0], points[rows, 1], points[rows, 2] = chunk.x, chunk.y, chunk.z
             station[rows] = chunk.point_source_id
             filled += len(chunk)
-        if read != header.point_count:
-            raise _damaged(
-                "file.truncated",
-                f"holds {read} of the {header.point_count} points that its header counts: truncated",
-                path,
-            )
+        _check_room(header.point_count, read, header.point_count, path)
     points = points[:filled]
     left_out = {"are withheld or classed as noise": read - filled}
     told = system | {"step": coordinate_steps(points).tolist(), "left_out": left_out}

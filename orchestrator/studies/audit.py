@@ -6,7 +6,7 @@ Rows of an audit are stored in separate subfolders of the run, never among its r
 import dataclasses
 import fcntl
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,6 +33,9 @@ log = logging.getLogger(__name__)
 
 _COST_FRACTION = 0.1
 """Maximum cost of an audit as a fraction of the run's, unless a number of jobs is requested."""
+
+_FIRST_JOBS = 4
+"""Number of jobs that each auditor repeats first: what these cost tells how many it can afford."""
 
 _DRAWN_COLUMNS = ["job_id", "status", "wall_s", "finished_at"]
 
@@ -72,35 +75,53 @@ def _auditors(campaign: Campaign) -> list[_Auditor]:
     return [auditor for auditor in AUDITORS if auditor.fits(campaign)]
 
 
-def affordable(campaign: Campaign, rows: pa.Table) -> int:
-    """Number of jobs, in the order drawn, whose repetition by all auditors costs a tenth of the run; 0 if too few.
+def affordable(campaign: Campaign, rows: pa.Table, folder: Path) -> tuple[list[_Auditor], int]:
+    """Auditors, and how many jobs each can repeat for a tenth of the run's cost; none that could repeat too few.
 
-    A job's cost is its time on its worker, even without a step; the reference costs more by at least the ratio of the
-    steps.
+    A job's cost is its time on its worker, even without a step. A repetition costs what those by the same auditor did
+    so far; before any, as much as a job of the run, and the reference more by the ratio of the steps.
+
+    rows: answered jobs of the run (`drawn`) in `folder`.
     """
-    share = PRESETS[campaign.preset].step_share / PRESETS[run_integrity.REFERENCE].step_share
-    wall_s = pc.fill_null(rows["wall_s"], 0.0).to_numpy().astype(float)
-    dearer = sum(
-        max(share, 1.0) if auditor.name == run_integrity.REFERENCE else 1.0 for auditor in _auditors(campaign)
-    )
-    count = int(np.searchsorted(np.cumsum(wall_s) * dearer, _COST_FRACTION * wall_s.sum(), side="right"))
-    return count if count >= run_integrity.LEAST_JOBS else 0
+    able, wall_s = _auditors(campaign), _wall_s(rows)
+    left_s, spent_s, cost_s = _COST_FRACTION * wall_s.sum(), {}, {}
+    for auditor in able:
+        repeated_s = _wall_s(_rows_in(folder / run_integrity.AUDIT_FOLDER / auditor.name))
+        finer = PRESETS[campaign.preset].step_share / PRESETS[auditor.preset].step_share
+        spent_s[auditor] = repeated_s.sum()
+        cost_s[auditor] = repeated_s.mean() if len(repeated_s) else wall_s.mean() * max(finer, 1.0)
+    able.sort(key=lambda auditor: cost_s[auditor])
+    while able:
+        count = int(left_s / max(sum(cost_s[auditor] for auditor in able), 1e-9))
+        if count >= run_integrity.LEAST_JOBS:
+            return able, count
+        left_s -= spent_s[able.pop()]
+    return [], 0
+
+
+def _wall_s(rows: pa.Table) -> NDArray[np.float64]:
+    return pc.fill_null(rows["wall_s"], 0.0).to_numpy().astype(float)
+
+
+def _rows_in(folder: Path) -> pa.Table:
+    return store.read_steady([folder], lambda: store.newest_rows(store.result_files(folder), _DRAWN_COLUMNS))
 
 
 def drawn(folder: Path) -> pa.Table:
     """Answered jobs of a run in the order in which they are drawn: that of their ids, which are hashes."""
-    rows = store.read_steady([folder], lambda: store.newest_rows(store.result_files(folder), _DRAWN_COLUMNS))
+    rows = _rows_in(folder)
     return rows.filter(pc.equal(rows["status"], "ok")).sort_by("job_id")
 
 
-def audit(work: Work, count: int) -> list[RunProgress]:
+def audit(work: Work, count: int, auditors: Sequence[_Auditor] | None = None) -> list[RunProgress]:
     """Repeat a random sample of a run's jobs, or resume that; returns the progress of each auditor.
 
     count: number of jobs; a larger sample includes a smaller one.
+    auditors: all that are applicable unless given.
     Raises InputError if another process audits this run, or no auditor is applicable.
     """
     planned, folder = work.planned, work.folder
-    able = _auditors(planned.campaign)
+    able = _auditors(planned.campaign) if auditors is None else auditors
     if not able:
         raise InputError(
             "audit.nothing_finer",
@@ -183,19 +204,28 @@ class Auditing:
 
     def due(self, planned: Plan, folder: Path) -> int:
         """Number of jobs to audit if some auditor has not finished them; else 0."""
-        wanted = planned.campaign.audit
-        if wanted == 0:
-            return 0
-        rows = drawn(folder)
-        count = affordable(planned.campaign, rows) if wanted is None else min(wanted, len(rows))
-        places = rows["job_id"][:count]
-        for auditor in _auditors(planned.campaign) if count else ():
-            part = auditor.plan(planned, _rows_of(planned, places))
-            run_integrity.check_audit(folder, folder / run_integrity.AUDIT_FOLDER / auditor.name)
-            if not part.ids <= store.finished_ids(folder / run_integrity.AUDIT_FOLDER / auditor.name):
-                return count
-        return 0
+        return self._due(planned, folder)[1]
+
+    def _due(self, planned: Plan, folder: Path) -> tuple[list[_Auditor], int]:
+        campaign, rows = planned.campaign, drawn(folder)
+        if campaign.audit is None:
+            able, count = affordable(campaign, rows, folder)
+        else:
+            able, count = _auditors(campaign), min(campaign.audit, len(rows))
+        least = min(count, run_integrity.LEAST_JOBS) if campaign.audit is None else count
+        chosen = _rows_of(planned, rows["job_id"][:count])
+        for auditor in able if count else ():
+            target = folder / run_integrity.AUDIT_FOLDER / auditor.name
+            run_integrity.check_audit(folder, target)
+            if len(auditor.plan(planned, chosen).ids & store.finished_ids(target)) < least:
+                return able, count
+        return [], 0
 
     def carry_out(self, work: Work) -> None:
         """Run or resume the audit."""
-        audit(work, self.due(work.planned, work.folder))
+        able, count = self._due(work.planned, work.folder)
+        if work.planned.campaign.audit is None and count:
+            audit(work, _FIRST_JOBS, able)
+            able, count = self._due(work.planned, work.folder)
+        if count:
+            audit(work, count, able)

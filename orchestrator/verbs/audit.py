@@ -13,14 +13,11 @@ from toppling.orchestrator.verbs.shared_options import cluster_of, cluster_optio
 
 @click.command()
 @shared.run_argument
-@option(
-    "--jobs", type=click.IntRange(min=1),
-    help="Size of the sample; by default as many jobs as cost a tenth of the run.",
-)  # fmt: skip
+@option("--jobs", type=click.IntRange(min=1), default=40, help="Size of the sample.")
 @shared.take_over_option
 @shared.json_option("Print the statement as JSON.")
 @cluster_options
-def audit(run: Path, jobs: int | None, take_over: bool, as_json: bool, **where: Any) -> None:
+def audit(run: Path, jobs: int, take_over: bool, as_json: bool, **where: Any) -> None:
     """Repeat a random sample of RUN's jobs and state how far its answers may be off.
 
     The sample is shaken with the preset 'reference', and with the second engine where its extra is installed. The
@@ -40,8 +37,8 @@ def audit(run: Path, jobs: int | None, take_over: bool, as_json: bool, **where: 
     from toppling.orchestrator.journal import journal
     from toppling.orchestrator.plan import plan_of
     from toppling.orchestrator.progress import watcher
-    from toppling.orchestrator.studies.audit import affordable, check_versions, drawn
     from toppling.orchestrator.studies.audit import audit as carry_out
+    from toppling.orchestrator.studies.audit import check_versions, drawn
     from toppling.orchestrator.task import versions
     from toppling.results.analysis.audit_statistics import audits_json, audits_of
     from toppling.results.reader import open_run
@@ -53,14 +50,13 @@ def audit(run: Path, jobs: int | None, take_over: bool, as_json: bool, **where: 
     campaign = Campaign.read(run / "campaign.toml")
     planned = plan_of(campaign)
     rows = drawn(run)
-    count = jobs or affordable(campaign, rows)
-    if min(count, len(rows)) < LEAST_JOBS:
+    if min(jobs, len(rows)) < LEAST_JOBS:
         raise InputError(
             "audit.too_few_jobs",
-            f"an audit of {min(count, len(rows))} of {len(rows)} answered jobs is too small",
+            f"an audit of {min(jobs, len(rows))} of {len(rows)} answered jobs is too small",
             where=str(run),
             expected=f"at least {LEAST_JOBS} jobs",
-            remedy="give --jobs 200" if jobs is None else "let the run go on, or give more --jobs",
+            remedy="let the run go on, or give more --jobs",
         )
     with (
         kept_up(run, take_over=take_over),
@@ -69,9 +65,9 @@ def audit(run: Path, jobs: int | None, take_over: bool, as_json: bool, **where: 
         cluster_of(run, **where) as client,
         client.as_current(),
     ):
-        work = Work(planned, run.absolute(), versions(), client, watch, RunProgress(count, 0))
+        work = Work(planned, run.absolute(), versions(), client, watch, RunProgress(jobs, 0))
         check_workers(client, *work.run_keys)
-        carry_out(work, count)
+        carry_out(work, jobs)
     audits = audits_of(opened)
     if as_json:
         click.echo(json.dumps({"run": str(run), "preset": campaign.preset, **audits_json(audits)}))

@@ -218,8 +218,9 @@ def _scene_section(content: Content, document: Document) -> list[Block]:
     if content.scene is not None:
         scene = content.scene
         caption = (
-            f"The rock {content.run.rock} on its pedestal, from three sides and from above (blue: contact outline; "
-            f"black: cliff edge; dotted where hidden; +: centre of mass). Round: {statics_words(scene)}."
+            f"The rock {content.run.rock} on its pedestal, from three sides and from above (blue: outline of "
+            "all possible contacts, broken: of those in 50 and 95 % of the bases; black: cliff edge; dotted where "
+            f"hidden; +: centre of mass). Round: {statics_words(scene)}."
         )
         parts.append(document.figure(lambda width: scene_picture(scene, width), caption))
         parts += map(sentence, base_sentences(content.run.scene_report()))

@@ -5,10 +5,13 @@ import math
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 import pytest
 import statsmodels.api as sm
 from seeded import row
 
+from toppling.orchestrator.campaign import Campaign
+from toppling.orchestrator.studies.audit import affordable
 from toppling.results.analysis.audit_statistics import JOB_COLUMNS, Audit, audits_json, audits_of, compare
 from toppling.results.reader import open_run
 from toppling.results.store import write_part
@@ -180,3 +183,25 @@ def test_rows_that_came_after_the_sample_was_drawn_are_not_what_it_stands_for(tm
     audit = audits_of(open_run(tmp_path))["reference"]
     assert isinstance(audit, Audit)
     assert (audit.jobs, audit.of_jobs) == (SAMPLE, len(jobs))
+
+
+def test_an_audit_costs_a_tenth_of_the_run_by_what_repetitions_did_cost_and_leaves_dear_auditors_out(
+    tmp_path,
+):
+    """Of 500 jobs of a second each those of half are free of steps: a tenth of the run is 50 s, of all jobs alike."""
+    campaign = Campaign.of(
+        {"scene": "s", "ensemble": "e", "pga_m_s2": [1], "azimuth_deg": [0], "friction": [0.8]}, tmp_path
+    )
+    rows = pa.table({"wall_s": [1.0] * 500, "steps": [0, 1000] * 250})
+    auditors, jobs = affordable(campaign, rows, tmp_path)
+    assert (len(auditors), jobs) in {(0, 0), (1, 50)}
+    rows = pa.table({"wall_s": [1.0] * 5000})
+    able, many = affordable(campaign, rows, tmp_path)
+    assert 40 <= many <= 500 / 4 + 1  # the reference takes four times as many steps as the default preset
+    (tmp_path / "audit" / "reference").mkdir(parents=True)
+    write_part(tmp_path / "audit" / "reference", [row(f"{number:024x}", wall_s=20.0) for number in range(10)])
+    left, fewer = affordable(campaign, rows, tmp_path)
+    assert [auditor.name for auditor in left] == [
+        auditor.name for auditor in able if auditor.name != "reference"
+    ]
+    assert fewer == (300 if left else 0)  # 10 repetitions had cost 200 s of 500

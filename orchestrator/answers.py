@@ -35,6 +35,7 @@ _NUMBERS = [
     for field in SCHEMA
     if field.type in (pa.float64(), pa.int32(), pa.int64()) and field.name not in BY_THE_CLIENT
 ]
+_SHORTEST = min(LIMITS[name][1] for name in _TEXTS)
 _PLACE = {name: place for place, name in enumerate(_NUMBERS)}
 _LOW, _HIGH = (np.array([LIMITS[name][end] for name in _NUMBERS], float) for end in (0, 1))
 _MAY_LACK = np.array([SCHEMA.field(name).nullable for name in _NUMBERS])
@@ -156,14 +157,19 @@ def _drawn(
 def _beyond_limits(answer: pa.Table, numbers: Array) -> Iterator[tuple[str, Flags]]:
     """Yield columns with a mask of the rows whose value is outside the column's limits."""
     for name in BY_THE_CLIENT:
-        yield name, ~_nulls(answer, name)
-    beyond = ~((numbers >= _LOW) & (numbers <= _HIGH))
-    for column in np.flatnonzero(beyond.any(axis=0)):
-        yield _NUMBERS[column], beyond[:, column] & ~_nulls(answer, _NUMBERS[column])
-    for name in _TEXTS:
-        lengths = pc.utf8_length(answer[name])
-        if (pc.max(lengths).as_py() or 0) > LIMITS[name][1]:
-            yield name, np.array(pc.fill_null(pc.greater(lengths, LIMITS[name][1]), False))
+        if answer[name].null_count < len(answer):
+            yield name, ~_nulls(answer, name)
+    no_number = np.isnan(numbers)
+    beyond = ~(no_number | ((numbers >= _LOW) & (numbers <= _HIGH)))
+    for column, (name, many) in enumerate(zip(_NUMBERS, no_number.sum(axis=0).tolist(), strict=True)):
+        if answer[name].null_count != many:  # NaN is a number to Arrow
+            beyond[:, column] |= no_number[:, column] & ~_nulls(answer, name)
+    yield from ((_NUMBERS[column], beyond[:, column]) for column in np.flatnonzero(beyond.any(axis=0)))
+    texts = pa.chunked_array([chunk for name in _TEXTS for chunk in answer[name].chunks])
+    if pc.max(pc.utf8_length(texts)).as_py() > _SHORTEST:
+        for name in _TEXTS:
+            longer = pc.greater(pc.utf8_length(answer[name]), LIMITS[name][1])
+            yield name, np.array(pc.fill_null(longer, False))
     first, last = (pa.scalar(limit, SCHEMA.field(_TIME).type) for limit in LIMITS[_TIME])
     within = pc.and_(pc.greater_equal(answer[_TIME], first), pc.less_equal(answer[_TIME], last))
     yield _TIME, ~np.array(pc.fill_null(within, True))

@@ -450,6 +450,7 @@ def plan(campaign: Campaign, scene: Scene, ensemble: Ensemble) -> Plan:
     of_record = pa.DictionaryArray.from_arrays(codes, pa.array(records))
     columns = [pa.nulls(len(codes)), of_scene, of_record, *map(pa.array, axes)]
     jobs = pa.Table.from_arrays(columns, names=_COLUMNS.names).cast(_COLUMNS)
+    del level, azimuth, friction, restitution, axes, columns  # while ids are made
     bases = 0 if scene.unseen is None else len(scene.unseen)
     scenes = (PlannedScene(campaign, scene_id, ensemble.id, sha, duration_s, bases=bases),)
     return Plan(campaign, scenes, jobs, recorded).with_ids()

@@ -5,10 +5,10 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
 _FIRST_LINE_S, _LINE_EVERY_S = 10.0, 60.0
 """Time before the first line in a log, and interval between lines, s."""
-
-_Item = TypeVar("_Item")
 
 
 @dataclass
@@ -123,14 +121,6 @@ def bar(
     finally:
         ended.set()
         speaker.join()
-
-
-def each(items: Iterable[_Item], what: str, total: float | None = None) -> Iterator[_Item]:
-    """Iterate over items and show the progress."""
-    with bar(what, total) as advance:
-        for item in items:
-            yield item
-            advance()
 
 
 @contextmanager

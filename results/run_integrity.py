@@ -4,7 +4,7 @@
 compared with the jobs of the plan. Runs of earlier versions, without digests, are compared by ids.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +38,7 @@ NEEDED = tuple(
 )
 """Initial files of every run of one rock."""
 
-_CHECKED: dict[str, tuple[object, ...]] = {}
+_CHECKED: dict[Path, tuple[object, ...]] = {}
 """Finished comparisons, with the state of the files at that time."""
 
 
@@ -77,20 +77,25 @@ def check_files(run: Path) -> None:
     """
     if not (run / _RUN_FILE).exists():
         return
-    there = [run / name for name in (_RUN_FILE, *written_once(run))]
-    _once(f"files {run.absolute()}", there, lambda: _compare(run))
+    stamps = _stamps([run / name for name in (_RUN_FILE, *written_once(run))])
+    if _CHECKED.get(run.absolute()) != stamps:
+        _compare(run)
+        _CHECKED[run.absolute()] = stamps
 
 
-def check_rows(run: Path, path: Path) -> None:
-    """Compare the rows of a file of results with the jobs of the run.
+def check_rows(run: Path, paths: Iterable[Path]) -> None:
+    """Compare the rows of files of results with the jobs of the run, where that was not done for their present state.
 
     run: folder with the plan (`jobs.parquet`); without a plan only the scene is compared.
-    path: verified Parquet file with columns of the schema of results.
-    Raises InputError if it contains rows of other jobs.
+    paths: verified Parquet files with columns of the schema of results.
+    Raises InputError if one contains rows of other jobs.
     """
-    known = [path for path in (run / _RUN_FILE, run / _JOBS_FILE) if path.exists()]
-    if known:
-        _once(f"rows {path.absolute()}", [path, *known], lambda: _compare_rows(run, path))
+    if known := [path for path in (run / _RUN_FILE, run / _JOBS_FILE) if path.exists()]:
+        stamps = {path.absolute(): _stamps([path, *known]) for path in paths}
+        new = {path: stamp for path, stamp in stamps.items() if _CHECKED.get(path) != stamp}
+        if new:
+            _compare_rows(run, [*new])
+            _CHECKED.update(new)
 
 
 def check_plan_id(run: Path, path: Path, plan_id: object) -> None:
@@ -100,12 +105,8 @@ def check_plan_id(run: Path, path: Path, plan_id: object) -> None:
         raise ForeignError(f"is of another run (plan {plan_id}, {run / _RUN_FILE} says {expected})", path)
 
 
-def _once(key: str, files: list[Path], compare: Callable[[], None]) -> None:
-    """Run a comparison unless it was done already for the same state of the files."""
-    stamps = tuple((str(path), stamp(path.stat())) for path in files)
-    if _CHECKED.get(key) != stamps:
-        compare()
-        _CHECKED[key] = stamps
+def _stamps(files: Iterable[Path]) -> tuple[object, ...]:
+    return tuple((str(path), stamp(path.stat())) for path in files)
 
 
 def _document(run: Path) -> dict[str, Any]:
@@ -163,20 +164,26 @@ def _ensemble_id(path: Path) -> str:
     return ensemble_id(zip(*(catalog[name].to_pylist() for name in ("record_id", "sha")), strict=True))
 
 
-def _compare_rows(run: Path, path: Path) -> None:
-    rows = read_table(path, columns=["job_id", "scene_id"])
+def _compare_rows(run: Path, paths: Sequence[Path]) -> None:
+    tables = [read_table(path, columns=["job_id", "scene_id"]) for path in paths]
+    document = _document(run) if (run / _RUN_FILE).exists() else {}
+    scene_id, scenes = document.get("scene_id"), document.get("scenes") or [document]
+    known_ids = {scene.get("scene_id") for scene in scenes}
+    ids = jobs = pa.concat_tables(tables)["job_id"]
     if (run / _JOBS_FILE).exists():
         jobs = read_table(run / _JOBS_FILE, columns=["job_id"])["job_id"]
-        known = pc.is_in(rows["job_id"], value_set=jobs.combine_chunks())
-        foreign = len(rows) - (pc.sum(known).as_py() or 0)
+    planned = pc.is_in(
+        ids, value_set=jobs.combine_chunks()
+    )  # of all at once: all jobs of the plan are hashed for it
+    for path, rows in zip(paths, tables, strict=True):
+        foreign = len(rows) - (pc.sum(planned[: len(rows)]).as_py() or 0)
+        planned = planned[len(rows) :]
         if foreign:
             raise ForeignError(
                 f"holds rows of another run ({foreign} of {len(rows)} are of no job in {_JOBS_FILE})", path
             )
-    document = _document(run) if (run / _RUN_FILE).exists() else {}
-    if (scene_id := document.get("scene_id")) is not None:
-        known_ids = {scene["scene_id"] for scene in document.get("scenes") or [document]}
-        if other := [name for name in pc.unique(rows["scene_id"]).to_pylist() if name not in known_ids]:
+        other = [name for name in pc.unique(rows["scene_id"]).to_pylist() if name not in known_ids]
+        if other and scene_id is not None:
             raise ForeignError(f"holds rows of another scene ({other[0]}, the run's is {scene_id})", path)
 
 

@@ -141,8 +141,8 @@ def result_files(run_folder: PathLike, *, set_aside: bool = False) -> list[Path]
     for path in _listed(run):
         with suppress(FileNotFoundError):  # merged and removed after the folder was listed
             if _is_ours(path, required, set_aside):
-                check_rows(run, path)
                 files.append(path)
+    check_rows(run, files)
     return files
 
 

@@ -71,7 +71,10 @@ def atlas(
         return
     for sentence in summary(rocks, common, measure):
         click.echo(sentence)
-    _print_result(folder, rocks)
+    placed = sum(rock.place is not None for rock in rocks)
+    where = f", rocks.geojson and directions.geojson with {placed} of {len(rocks)} rocks"
+    where = where if placed else "; no rock's place is known"
+    click.echo(f"{folder}: atlas.html, fragilities (PNG, SVG), rocks.csv{where}")
 
 
 def _rocks_of(opened: list[Run]) -> list[Run]:
@@ -118,13 +121,3 @@ def _write_files(folder: Path, rocks: list["RockResults"], measure: str) -> None
         save(places_figure(rocks, measure), folder / "places")
         for name, content in (("rocks", geojson(rocks)), ("directions", directions_geojson(rocks))):
             write_text(json.dumps(content, indent=1, allow_nan=False), folder / f"{name}.geojson")
-
-
-def _print_result(folder: Path, rocks: list["RockResults"]) -> None:
-    placed = sum(rock.place is not None for rock in rocks)
-    where = (
-        f", rocks.geojson and directions.geojson with {placed} of {len(rocks)} rocks"
-        if placed
-        else "; no rock's place is known"
-    )
-    click.echo(f"{folder}: atlas.html, fragilities (PNG, SVG), rocks.csv{where}")

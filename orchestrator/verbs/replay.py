@@ -9,7 +9,7 @@ import pyarrow.compute as pc
 
 from toppling.models.errors import InputError
 from toppling.models.files.digest import check, read_table
-from toppling.orchestrator.progress import bar, each
+from toppling.orchestrator.progress import bar
 from toppling.orchestrator.run_folder import place_in
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import option
@@ -56,8 +56,10 @@ def replay(run: Path, job: str, out: Path | None) -> None:
         shown = Replay(settled(scene), imposed.motion, result.trajectory, result.topple_time_s)
     title = f"{of_rock.rock}: {_as_shaken(spec, assets.scene, scene)}: {result.outcome or result.status}"
     folder = out or place_in(run, f"replay/{job_id}")
-    for path in each(write_replay(shown, folder, title), "drawing", total=6):
-        click.echo(path)
+    with bar("drawing", 6) as advance:
+        for path in write_replay(shown, folder, title):
+            click.echo(path)
+            advance()
     rows = open_run(run).table()
     (row,) = rows.filter(pc.equal(rows.column("job_id"), job_id)).to_pylist() or [None]
     again = outcome_of(result)

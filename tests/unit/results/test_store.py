@@ -11,7 +11,7 @@ from refusals import flip, refused
 from seeded import row
 
 from toppling.models.files.digest import write_json, write_table
-from toppling.results import store
+from toppling.results import run_integrity, store
 from toppling.results.reader import open_run
 from toppling.results.schema import GROUPS, SCHEMA, describe
 from toppling.results.store import attempts_with, compact, finished_ids, result_files, write_part
@@ -34,6 +34,22 @@ def test_a_run_compacts_to_one_row_a_job_in_order(tmp_path):
     assert table.column("job_id").to_pylist() == ["a", "b", "c"]
     assert [path.name for path in result_files(tmp_path)] == ["results.parquet"]
     assert table.schema.field("pga_m_s2").metadata[b"unit"] == b"m/s2"
+
+
+def test_however_many_parts_there_are_the_plan_is_looked_up_once(tmp_path, monkeypatch):
+    write_table(pa.table({"job_id": [f"{n:024x}" for n in range(60)]}), tmp_path / "jobs.parquet")
+    for part in range(20):
+        write_part(tmp_path, [row(f"{3 * part + n:024x}") for n in range(3)])
+    read, names = run_integrity.read_table, []
+    monkeypatch.setattr(
+        run_integrity, "read_table", lambda path, **asked: names.append(path.name) or read(path, **asked)
+    )
+    assert len(result_files(tmp_path)) == len(result_files(tmp_path)) == 20
+    assert (names.count("jobs.parquet"), len(names)) == (1, 21)
+    foreign = write_part(tmp_path, [row("b"), row(f"{3:024x}")])
+    with refused("run.file_foreign") as refusal:
+        result_files(tmp_path)
+    assert refusal.value.where == str(foreign)
 
 
 def test_a_finished_run_of_an_earlier_version_with_columns_that_are_gone_still_reads(tmp_path):

@@ -62,8 +62,8 @@ _UNMAPPED = re.compile(
 )
 """Messages of the loader, and of numba's, for a library that does not fit into memory."""
 _TOO_LITTLE = "too little memory is left: give it more, end other programs, or lift the limit (ulimit -v)"
-_OF_OTHERS = ("http", "https", "tcp", "tls", "ucx", "ws", "wss")
-"""Schemes of addresses that are not folders: web pages, and Dask schedulers."""
+_OF_OTHERS = ("gateway", "http", "https", "tcp", "tls", "ucx", "ws", "wss")
+"""Schemes of addresses that are not folders: web pages, Dask schedulers, and clusters of a Dask Gateway."""
 
 
 class _LazyGroup(Verbs):

@@ -86,6 +86,15 @@ def test_what_the_system_or_its_settings_lack_is_told_without_a_traceback(error,
     assert told in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("address", ["gateway://first", "gateway://", "tcp://node1:8786", "tls://node1:8786"])
+def test_the_address_of_a_cluster_reaches_its_command_as_it_was_given(address, monkeypatch):
+    words = ["toppling", "run", "campaign.toml", "--scheduler", address, f"--scheduler={address}"]
+    monkeypatch.setattr(sys, "argv", [*words])
+    monkeypatch.setattr(cli, "main", lambda **_: None)
+    command.call()
+    assert sys.argv == words
+
+
 def test_a_defect_of_the_program_keeps_its_traceback(monkeypatch):
     def fails(**_: str) -> None:
         raise ModuleNotFoundError("No module named 'duckdb'")

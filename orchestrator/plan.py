@@ -116,8 +116,8 @@ def realisations_spread(records: int, levels: int, azimuths: int, count: int) ->
     """Indices from 0 of the realisations of jobs, (records, levels, azimuths, jobs per point).
 
     Each record has all realisations, equally often up to one, at different levels and azimuths: along a diagonal of
-    these each realisation has one stretch. A point has more than one job only where a record has fewer points than
-    there are realisations.
+    these each realisation has one stretch. A point has several jobs, of distinct realisations, only where a record has
+    fewer points than there are realisations.
     """
     random = np.random.default_rng(_SEED)
     along = _along_diagonal(levels, azimuths)
@@ -126,7 +126,7 @@ def realisations_spread(records: int, levels: int, azimuths: int, count: int) ->
         (np.arange(size) + shift) % size for size, shift in zip(along.shape, shifts, strict=True)
     )
     jobs = math.ceil(count / along.size)
-    place = along[level[:, :, None], azimuth[:, None, :], None] * jobs + np.arange(jobs)
+    place = along[level[:, :, None], azimuth[:, None, :], None] + along.size * np.arange(jobs)
     return place * count // (along.size * jobs)
 
 

@@ -33,6 +33,19 @@ def curve_of(jobs):
     return sampled(jobs, fit(jobs, ["pgv_m_s"])).lognormal
 
 
+@pytest.mark.parametrize(
+    ("levels", "azimuths", "count"), [(3, 1, 8), (2, 2, 25), (6, 4, 25), (1, 1, 7), (5, 1, 6)]
+)
+def test_each_record_has_all_bases_equally_often_and_no_job_twice(levels, azimuths, count):
+    for of_record in realisations_spread(10, levels, azimuths, count):
+        often = np.bincount(of_record.ravel(), minlength=count)
+        assert len(often) == count
+        assert np.ptp(often) <= 1
+        assert all(
+            len(set(point)) == len(point) for point in of_record.reshape(-1, of_record.shape[-1]).tolist()
+        )
+
+
 @pytest.mark.thorough
 @pytest.mark.parametrize("between_bases", [0.0, 0.1, 0.3, 0.6])
 def test_the_interval_holds_the_median_of_one_base_in_nine_of_ten_runs(between_bases):

@@ -17,8 +17,8 @@ from toppling.models.compiled import Array
 from toppling.models.frames import horizontal_unit_vector
 from toppling.models.ground.body import GroundedBody
 from toppling.models.ground.contacts import LEANING, MOST
-from toppling.models.ground.curved import FIRST_KEY as FIRST_SMOOTH_KEY
 from toppling.models.ground.equilibrium import farthest_load, shortest, wrenches
+from toppling.models.ground.facets import FIRST_KEY as FIRST_SMOOTH_KEY
 from toppling.models.ground.stepping import Grounded, contacts_at
 from toppling.models.pivots import Turn, crossed, tips_m_s2, turn_under
 from toppling.models.statics import Limits
@@ -32,7 +32,7 @@ _LEAST_STEP_SHARE = 2e-4
 _TOUCHING_SHARE = 1e-6
 """Gap up to which a contact carries, as a fraction of R."""
 
-_PRESSED_SHARE = 5e-5
+_PRESSED_SHARE = 1e-5
 """Length of the step that closes the gaps opened by a rotation to first order, as a fraction of R."""
 
 _TIPPED_COSINE = math.cos(0.4)  # of half the largest tilt of the path, 0.8 rad
@@ -67,7 +67,7 @@ def _followed(body: GroundedBody, azimuth_deg: float) -> tuple[float, float]:
     """
     size_m, g, load = body.size_m, body.gravity_m_s2, body.load_m_s2()
     push = -horizontal_unit_vector(azimuth_deg) @ body.scene_from_support
-    sim, start = body.clockless(body.resting_pose, 1.0, body.curved), body.resting_pose
+    sim, start = body.clockless(body.resting_pose, 1.0), body.resting_pose
     best, held, gathered_j_kg, short, rolled = 0.0, 0.0, 0.0, 0, False
     slides, way_m = np.inf, 0.25 * _STEP_SHARE * size_m
     settles_m = load * (
@@ -84,6 +84,7 @@ def _followed(body: GroundedBody, azimuth_deg: float) -> tuple[float, float]:
             held = most
         elif len(touching):
             held = _balanced_m_s2(touching, load, push)
+        rests = rolls or most is not None
         if (
             rolled
             and last is peak
@@ -100,7 +101,7 @@ def _followed(body: GroundedBody, azimuth_deg: float) -> tuple[float, float]:
             gathered_j_kg = max(gathered_j_kg + float((load + best * push) @ (pose[:3] - last[:3])), 0.0)
             if gathered_j_kg > _GATHERED * size_m * g:
                 break
-            if held > best and (rolls or most is not None):
+            if held > best and rests:
                 if slides == np.inf:
                     between = best, min(held, _MOST_GRAVITIES * g)
                     slides = _slides_m_s2(body, touching, push, between, rolls and most is None)
@@ -114,7 +115,8 @@ def _followed(body: GroundedBody, azimuth_deg: float) -> tuple[float, float]:
         tilted = abs(start[3:] @ pose[3:]) < _TIPPED_COSINE
         if tilted or np.linalg.norm(pose[:3] - start[:3]) > size_m:
             break
-        force = load + ((1.0 + _BEYOND) * max(best, held) + _BEYOND * g) * push
+        # Elsewhere than at rest it goes on under the acceleration that moved it, to where that holds it again.
+        force = load + ((1.0 + _BEYOND) * (max(best, held) if rests else best) + _BEYOND * g) * push
         turn = turn_under(touching["arm_m"], touching["normal"], size_m, force)
         if turn is None:
             break
@@ -125,7 +127,7 @@ def _followed(body: GroundedBody, azimuth_deg: float) -> tuple[float, float]:
 
 def _near(sim: Grounded, pose: Array, way_m: float) -> np.ndarray:
     """Contacts that a step of some length may reach."""
-    bodies = sim.rock, sim.ground, sim.curved, sim.facets
+    bodies = sim.rock, sim.ground, sim.facets
     return sim.trial[: contacts_at(bodies, pose, 2.0 * way_m, LEANING, sim.lists, sim.trial)].copy()
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from bisect import bisect_left
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -14,10 +13,8 @@ from scipy.spatial import cKDTree
 
 from toppling.models.compiled import Array
 from toppling.models.errors import InputError
-from toppling.models.ground.body import GroundedBody
 from toppling.models.ground.contacts import CONTACT, MOST
 from toppling.models.ground.creeping import settle
-from toppling.models.ground.curved import NO_CURVED, tipped_over_m
 from toppling.models.ground.facets import NO_FACETS
 from toppling.models.ground.mesh import NO_MESH
 from toppling.models.ground.pairs import empty_lists
@@ -80,7 +77,6 @@ class Shaking:
             rolling=_rolling(problem),
             rock=NO_MESH,
             ground=NO_MESH,
-            curved=NO_CURVED,
             facets=NO_FACETS,
             lists=empty_lists(contact.half_diagonal_m, problem.farthest_m, room=1),
             contacts=np.zeros(MOST, CONTACT),
@@ -185,15 +181,14 @@ class Shaking:
         """Let the rock's mesh and that of its ground answer where there is no plane."""
         body = self.problem.scene.grounded
         self.sim = self.sim._replace(
-            rock=body.rock,
-            ground=body.ground,
-            curved=body.curved,
+            rock=body.moving[0],
+            ground=body.moving[1],
             facets=body.facets,
             lists=body.empty_lists(),
         )
 
     def _lodged(self, ended_by: str) -> bool:
-        """Whether the rock rests only with the help of what stands beside it, and did not so at the start."""
+        """Whether contacts beside its base hold the rock, without which it would move on, and did not at the start."""
         if ended_by not in ("rest", "rest_certain") or len(self.sim.rock.faces) == 0:
             return False
         start, last, body = self.sim.pose[0], self.sim.pose[self.last], self.problem.scene.grounded
@@ -203,27 +198,23 @@ class Shaking:
         near, load = body.near_contacts(last, TOUCHING_SHARE * body.size_m), body.load_m_s2()
         if not body.hold(near, load[None])[0]:  # slow, and held by nothing: it still rocks
             return False
-        return not self._held_from_below(last) and self._held_from_below(start)
+        return not self._base_holds(last) and self._base_holds(start)
 
-    def _held_from_below(self, pose: Array) -> bool:
-        """Whether a rock at rest is held by contacts below it and by parts of it that carried it at the start.
+    def _base_holds(self, pose: Array) -> bool:
+        """Whether the contacts of its base alone hold a rock at rest.
 
-        Below are those that are not steep, and not far up a rock that lies against them.
+        These are the lowest that are not steep, and those at parts of the rock that carried it at the start.
         """
-        body = self.problem.scene.grounded
+        body, reach_m = self.problem.scene.grounded, TOPPLED_FALL * self.problem.stood_m
         near, on_rock_m = self._touching(pose)
         at_first, first_m = self._touching(self.sim.pose[0])
         up = body.scene_from_support[2]
-        flat, flat_at_first = near["normal"] @ up > _STEEP, at_first["normal"] @ up > _STEEP
-        if not flat.any() or not flat_at_first.any():
-            return False
-        at_first, first_m = at_first[flat_at_first], first_m[flat_at_first]
-        load, reach_m = body.load_m_s2()[None], TOPPLED_FALL * self.problem.stood_m
-        again = cKDTree(first_m).query(on_rock_m)[0] < reach_m
-        if body.hold(near[again], load)[0]:
-            return True
-        low = flat & (on_rock_m[:, 2] < _lowest_that_hold_m(body, at_first, first_m[:, 2]) + reach_m)
-        return bool(body.hold(near[low | again], load)[0])
+        first_m = first_m[at_first["normal"] @ up > _STEEP]
+        flat, level_m = near["normal"] @ up > _STEEP, near["place_m"] @ up
+        base = flat & (level_m < level_m[flat].min(initial=np.inf) + reach_m)
+        if len(first_m):
+            base |= cKDTree(first_m).query(on_rock_m)[0] < reach_m
+        return bool(body.hold(near[base], body.load_m_s2()[None])[0])
 
     def _touching(self, pose: Array) -> tuple[np.ndarray, Array]:
         """Contacts, and where (n, 3) on the rock as it stood at the start: from its centre, z up."""
@@ -306,17 +297,6 @@ def _rolled_back(seat: Array, pose: Array) -> Array:
     return np.concatenate([pose[:2], seat[2:3], attitude])
 
 
-def _lowest_that_hold_m(body: GroundedBody, contacts: np.ndarray, height_m: Array) -> float:
-    """Height of the highest of those contacts that alone, without any above them, hold a rock at rest."""
-    levels_m = np.unique(height_m)
-    enough = bisect_left(
-        levels_m,
-        True,
-        key=lambda level_m: body.hold(contacts[height_m <= level_m], body.load_m_s2()[None])[0],
-    )
-    return float(levels_m[enough]) if enough < len(levels_m) else np.inf
-
-
 def shake(
     scene: Scene,
     motion: Motion,
@@ -397,9 +377,7 @@ def _use_everything() -> None:
     for scene in (Scene.block(0.3, 0.3, 1.0), groove):
         shake(scene, motion, "fast")
     body = groove.grounded
-    settle(body.clockless(body.resting_pose, 0.01, body.curved), body.load_m_s2(), 1, np.inf)
-    along, _, up = body.scene_from_support
-    tipped_over_m(body.curved, body.resting_pose, up, along, 1.0, 1.0, 1.0)  # no dome, but compiled
+    settle(body.clockless(body.resting_pose, 0.01), body.load_m_s2(), 1, np.inf)
     groove.quasi_static_toppling_m_s2([0.0])
 
 

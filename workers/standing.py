@@ -14,7 +14,6 @@ from toppling.models.compiled import Array
 from toppling.models.errors import InputError
 from toppling.models.ground.body import GroundedBody
 from toppling.models.ground.creeping import settle
-from toppling.models.ground.curved import tipped_over_m
 from toppling.models.ground.equilibrium import are_held, wrenches
 from toppling.models.kept import kept
 from toppling.workers import quaternion as quat
@@ -31,8 +30,8 @@ _MANY_CONTACTS = 24
 _SETTLING_STEPS, _SETTLING_ROUNDS = 100, 3
 """In which a rock that is let down from its present pose must come to stand."""
 
-_SETTLING_STEP, _ROLLING_STEP = 0.05, 0.3
-"""Over sqrt(R / g), of a rock that is let down: one that rolls comes to rest where it has no slope."""
+_SETTLING_STEP = 0.05
+"""Over sqrt(R / g), of a rock that is let down."""
 
 _UNMOVED_SHARE = 0.02
 """Of R: way of a rock that has hardly moved."""
@@ -84,8 +83,7 @@ def let_down(body: GroundedBody, pose: Array) -> Array | None:
     if body.rolls_on_facets:
         rest = body.rolled_to_rest(pose)
         return rest if holds(body, rest, body.load_m_s2()[None], rolls=True) else None
-    step = _ROLLING_STEP if body.rolls_on_dome else _SETTLING_STEP
-    sim = body.clockless(pose, step * math.sqrt(body.size_m / body.gravity_m_s2), body.curved)
+    sim = body.clockless(pose, _SETTLING_STEP * math.sqrt(body.size_m / body.gravity_m_s2))
     load = body.load_m_s2()
     for _ in range(_SETTLING_ROUNDS):
         if holds(body, sim.pose[0], load[None]):
@@ -140,10 +138,6 @@ def _least_j_kg(body: GroundedBody, rest: Array, enough_j_kg: float) -> float:
 def _heights_m(body: GroundedBody, rest: Array, outward: Array) -> Iterator[float]:
     """Heights of the centre of mass of a rock that is tipped until it loses the ground; infinite if it never does."""
     up = body.scene_from_support[2]
-    if body.rolls_on_dome:
-        turn_rad, most_rad = math.radians(_TILT_STEP_DEG), math.radians(_FARTHEST_DEG)
-        yield tipped_over_m(body.curved, rest, up, outward, turn_rad, most_rad, TOUCHING_SHARE * body.size_m)
-        return
     turn, pose = Rotation.from_rotvec(math.radians(_TILT_STEP_DEG) * np.cross(up, outward)), rest
     for _ in range(int(_FARTHEST_DEG / _TILT_STEP_DEG)):
         near = body.contacts(pose, TOUCHING_SHARE * body.size_m)

@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 
 from toppling.models.compiled import Array, Vector, compiled, inner
-from toppling.models.ground.curved import only_rolls
 from toppling.models.ground.equilibrium import STILL, held_until, is_still
 from toppling.models.ground.rigid import copy, dot, minus, square
 from toppling.models.ground.stepping import Grounded, advance, leaves_plane, step
@@ -79,9 +78,9 @@ def take_steps(sim: Grounded, block: int, watch: Watch) -> int:
 @inner
 def _only_rolls(sim: Grounded) -> bool:
     """Whether a rock touches with the one place on which it rolls."""
-    if len(sim.rolling.corners) > 0 and sim.counts[0] == 1 and sim.contacts[0].key < len(sim.rolling.lowest):
-        return True
-    return only_rolls(sim.curved, sim.contacts, sim.counts[0])
+    return (
+        len(sim.rolling.corners) > 0 and sim.counts[0] == 1 and sim.contacts[0].key < len(sim.rolling.lowest)
+    )
 
 
 @inner

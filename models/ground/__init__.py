@@ -7,7 +7,6 @@ __all__ = [
     "body",
     "contacts",
     "creeping",
-    "curved",
     "equilibrium",
     "facet_path",
     "facets",

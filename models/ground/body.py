@@ -16,7 +16,6 @@ from toppling.models.errors import InputError
 from toppling.models.frames import plane_axes
 from toppling.models.ground.contacts import CONTACT, LEANING, MOST
 from toppling.models.ground.creeping import settle
-from toppling.models.ground.curved import NO_CURVED, CurvedGround, curved_ground, untouched
 from toppling.models.ground.equilibrium import are_held, held_polygon, wrenches
 from toppling.models.ground.facets import (
     FIRST_KEY,
@@ -25,7 +24,7 @@ from toppling.models.ground.facets import (
     facets_below,
     not_looked_at,
 )
-from toppling.models.ground.mesh import ContactMesh, contact_mesh, not_touching
+from toppling.models.ground.mesh import ContactMesh, contact_mesh, not_touching, smooth_parts
 from toppling.models.ground.pairs import Lists, empty_lists
 from toppling.models.ground.plane import NO_POINTS
 from toppling.models.ground.rolling import NO_ROLLING, rolling_surface
@@ -126,7 +125,7 @@ class GroundedBody:
         pose, out = np.ascontiguousarray(pose), np.empty(most, CONTACT)
         # Where the place stays at a seam of patches, what is found depends on what the search begins with.
         self.rounded.angles[:], self.rounded.lowest[:] = 0.0, self.rounded.surface.lowest[:, None, None]
-        bodies = self.rock, self.ground, NO_CURVED, self.rounded
+        bodies = self.rock, self.ground, self.rounded
         return out[: contacts_at(bodies, pose, margin_m, leaning, self._lists, out)]
 
     def wrenches(self, pose: Array) -> Array:
@@ -177,26 +176,15 @@ class GroundedBody:
         """Whether the rock touches with a smooth surface."""
         return len(self.rounded.apart_m) > 0
 
-    @property
-    def curved(self) -> CurvedGround:
-        """The smooth dome on which a flat base rolls, with nothing looked up yet: answers depend on no other shake."""
-        return untouched(self._dome)
-
-    @property
-    def rolls_on_dome(self) -> bool:
-        """Whether the ground is a smooth dome below a flat base."""
-        return len(self._dome.coefficients) > 0
-
     @cached_property
-    def _dome(self) -> CurvedGround:
-        pose = self.resting_pose
-        placed = pose[:3], Rotation.from_quat(pose[3:]).as_matrix()
-        return curved_ground(self.rock, self.ground, placed, self.size_m)
+    def moving(self) -> tuple[ContactMesh, ContactMesh]:
+        """Rock and ground with their smooth parts numbered, for a rock that gathers speed."""
+        return smooth_parts(self.rock, self.size_m), smooth_parts(self.ground, self.size_m)
 
-    def clockless(self, pose: Array, step_s: float, curved: CurvedGround = NO_CURVED) -> Grounded:
+    def clockless(self, pose: Array, step_s: float) -> Grounded:
         """The rock in a pose, to be moved without a motion."""
         return Grounded(
-            NO_POINTS, NO_ROLLING, self.rock, self.ground, curved, self.facets, self.empty_lists(),
+            NO_POINTS, NO_ROLLING, self.rock, self.ground, self.facets, self.empty_lists(),
             np.zeros(MOST, CONTACT), np.zeros(MOST, CONTACT), np.zeros(8, np.int64), self.inertia_m2, self.size_m,
             (self.friction[0],) * 2, 0.0, 0.0, self.load_m_s2(), np.zeros((2, 6)), 1.0, step_s, 1, np.zeros(1),
             np.array([pose]), np.zeros((1, 6)),

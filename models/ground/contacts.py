@@ -33,6 +33,10 @@ LEANING = 0.1
 _ASIDE = 0.01
 """Sine by which the way between two edges may lead into a body: a line that lies on a face touches it at both ends."""
 
+_SMOOTH = 0.01
+"""The same two sines of a feature within a smooth part, over the one by which its other side falls away: such a part
+touches with one place, or with both ends of a triangle that lies on a face."""
+
 _ON_CORNER, _END = 1e-9, 1e-12
 """Of a triangle's size: a point so near to one of its corners lies on it, so that bodies of one outline have a contact
 at each corner; of an edge's length: nearer to its end edges do not cross. The two overlap."""
@@ -181,10 +185,11 @@ def _keep_face(found: Any, count: int, n: Any, depth: float, c: Any) -> int:
 def _leads_out(body: ContactMesh, index: int, n: Any, leaning: float, pairs: Pairs, is_rock: bool) -> bool:
     """Whether a body lies, beside one of its points, on the side to which a normal in the other's axes points."""
     normal = turned_back(pairs.turn, n) if is_rock else turned(pairs.turn, n)
+    least, most, smooth = np.inf, 0.0, body.smooth_points[index] >= 0
     for place in range(body.first_way[index], body.first_way[index + 1]):
-        if dot(normal, body.ways[place]) < -leaning:
-            return False
-    return True
+        along = dot(normal, body.ways[place])
+        least, most = min(least, along), max(most, along)
+    return least >= -(_SMOOTH * most if smooth else leaning)
 
 
 @inner
@@ -250,7 +255,8 @@ def _rock_point(bodies: Any, point: Any, near_it: Any, pairs: Pairs, reach: Any,
         return count
     found = pairs.point.found
     for i in range(_meet((rock, index, p), near_it, ground, reach, True, pairs)):
-        count = add(out, count, 8 * index + i, found[i, 3], found[i], p, pairs.looked_at)
+        key = 8 * _name(index, rock.smooth_points) + i
+        count = add(out, count, key, found[i, 3], found[i], p, pairs.looked_at)
     return count
 
 
@@ -264,10 +270,16 @@ def _ground_point(
         return count
     there, found = ground.vertices_m[ground.points[index]], pairs.point.found
     for i in range(_meet((ground, index, p), near_it, rock, (margin_m, LEANING), False, pairs)):
-        n, key = turned(pairs.turn, found[i]), (1 << 60) + 8 * index + i
+        n, key = turned(pairs.turn, found[i]), (1 << 60) + 8 * _name(index, ground.smooth_points) + i
         place = plus(there, -found[i, 3], n)
         count = add(out, count, key, found[i, 3], (-n[0], -n[1], -n[2]), place, pairs.looked_at)
     return count
+
+
+@inner
+def _name(index: int, smooth: Indices) -> int:
+    """By what a point or an edge is known from step to step: one name within a smooth part."""
+    return smooth[index] if smooth[index] >= 0 else index
 
 
 @inner
@@ -312,16 +324,24 @@ def _across(bodies: Any, edges: Any, placed: Any, margin_m: float, out: Any, cou
     # Of the two ways that lead out of edges which are nearly flat, the one that leads out of both bodies.
     sign = -1.0 if dot(n, into) > 0.0 else 1.0
     n = (sign * n[0] / size, sign * n[1] / size, sign * n[2] / size)
-    out_of_ground = max(dot(n, ground.inward[j, 0]), dot(n, ground.inward[j, 1]))
-    out_of_rock = -min(dot(n, own0), dot(n, own1))
-    if out_of_ground > _ASIDE or out_of_rock > _ASIDE:
+    off = _off(dot(n, ground.inward[j, 0]), dot(n, ground.inward[j, 1]), ground.smooth_edges[j] >= 0)
+    if off > 0.0:  # until the rock's edge has turned by so much: then one of its ends has gone as far
+        half_m = min(rock.edge_halves_m[i], ground.edge_halves_m[j])
+        return count, max(apart_m, half_m * off * size / scale)
+    if _off(-dot(n, own0), -dot(n, own1), rock.smooth_edges[i] >= 0) > 0.0:
         return count, apart_m
     place = plus(a, s, way)
     gap = dot(n, minus(place, plus(c, t, other)))
     if -margin_m < gap < margin_m:
-        key = (2 << 60) + i * len(ground.edges) + j
+        key = (2 << 60) + _name(i, rock.smooth_edges) * len(ground.edges) + _name(j, ground.smooth_edges)
         count = add(out, count, key, gap, n, place, pose)
     return count, apart_m
+
+
+@inner
+def _off(one: float, other: float, smooth: bool) -> float:
+    """By how much more than it may a way leads into a body beside an edge; its sines toward the triangles there."""
+    return max(one, other) - (_SMOOTH * max(-min(one, other), 0.0) if smooth else _ASIDE)
 
 
 class SolverRoom(NamedTuple):

@@ -10,9 +10,13 @@ from numpy.typing import NDArray
 from toppling.models.compiled import Array, Flags, Indices
 from toppling.models.errors import InputError
 from toppling.models.ground.grid import NO_GRID, Grid, grid_of
+from toppling.models.shapes import joined_parts
 
 FINE = 0.65
 """Reach of the fine grid, over that of the other."""
+
+_FINE_SHARE, _SMOOTH_TURN = 0.02, np.cos(np.radians(4.0))
+"""Of R: triangles so narrow across an edge, between which normals turn by so little, stand for one smooth surface."""
 
 _FLAT_SHARE = 1e-6
 """Sine of the angle between two triangles up to which they are one face."""
@@ -50,6 +54,8 @@ class ContactMesh(NamedTuple):
         Spheres around these.
     inward : (k, 2, 3) array
         For each of these, unit vectors in its triangles, away from it; of an edge of one triangle twice the same.
+    smooth_points, smooth_edges : (p,), (k,) int arrays
+        Of those within one smooth part the first; -1 of any other.
     grid : Grid
         Of all triangles and `edges`.
     fine : Grid
@@ -73,6 +79,8 @@ class ContactMesh(NamedTuple):
     edge_middles_m: Array
     edge_halves_m: Array
     inward: Array
+    smooth_points: Indices
+    smooth_edges: Indices
     grid: Grid
     fine: Grid
 
@@ -82,7 +90,8 @@ _NONE = np.zeros((0, 3), np.int64)
 NO_MESH = ContactMesh(
     np.zeros((0, 3)), _NONE, np.zeros((0, 3)), np.zeros(0), np.zeros((0, 3)), np.zeros(0), _NONE, _NONE[:, 0].copy(),
     _NONE, _NONE[:, 0].copy(), _NONE[:, 0].copy(), np.zeros(1, np.int64), np.zeros((0, 3)),
-    _NONE[:, :2].copy(), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 2, 3)), NO_GRID, NO_GRID,
+    _NONE[:, :2].copy(), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 2, 3)),
+    _NONE[:, 0].copy(), _NONE[:, 0].copy(), NO_GRID, NO_GRID,
 )  # fmt: skip
 """That of a body which touches with no mesh."""
 
@@ -140,7 +149,7 @@ def contact_mesh(
         vertices, faces, normals, offsets, middles, radii, edge_of, shares, over_hollow,
         np.bincount(faces.ravel(), minlength=len(vertices)), points, *_ways(vertices, ends, points),
         kept, 0.5 * (start + end), 0.5 * np.linalg.norm(end - start, axis=1), inward[stands_out],
-        grid, fine,
+        np.full(len(points), -1), np.full(len(kept), -1), grid, fine,
     )  # fmt: skip
 
 
@@ -205,13 +214,45 @@ def sides_at_edges(edge_of: Indices, triangles_at_edge: Indices) -> Indices:
 
 def normals_beside_edges(mesh: ContactMesh) -> Array:
     """Normals (k, 2, 3) of the triangles beside each of a mesh's `edges`, as `inward` has them."""
-    sides = sides_at_edges(mesh.edge_of, mesh.triangles_at_edge)
-    triangle, corner = np.divmod(sides[:, 0], 3)
-    ends = np.sort(
-        np.column_stack([mesh.faces[triangle, corner], mesh.faces[triangle, (corner + 1) % 3]]), axis=1
+    triangles, _, number = _all_edges(mesh)
+    return mesh.normals[triangles[number]]
+
+
+def _all_edges(mesh: ContactMesh) -> tuple[Indices, Indices, Indices]:
+    """Triangles (e, 2) beside all edges, their ends and the corners across (e, 2, 3); numbers of the mesh's `edges`."""
+    triangles, side = np.divmod(sides_at_edges(mesh.edge_of, mesh.triangles_at_edge), 3)
+    corners = np.stack([mesh.faces[triangles, (side + k) % 3] for k in range(3)], axis=2)
+    name, sought = (
+        pair.min(axis=1) * len(mesh.vertices_m) + pair.max(axis=1) for pair in (corners[:, 0, :2], mesh.edges)
     )
-    name, sought = (pair[:, 0] * len(mesh.vertices_m) + pair[:, 1] for pair in (ends, mesh.edges))
-    return mesh.normals[sides[np.searchsorted(name, sought)] // 3]
+    return triangles, corners, np.searchsorted(name, sought)
+
+
+def smooth_parts(mesh: ContactMesh, size_m: float) -> ContactMesh:
+    """The mesh of a body, with the points and edges numbered that lie within its smooth parts.
+
+    Where triangles are fine and their normals turn smoothly they stand for a surface that touches with one place, which
+    moves over it. Other edges and points touch on their own.
+    """
+    triangles, corners, number = _all_edges(mesh)
+    start, end, far = np.moveaxis(mesh.vertices_m[corners], 2, 0)
+    width = np.linalg.norm(np.cross(end - start, far - start), axis=2) / np.linalg.norm(end - start, axis=2)
+    turn = (mesh.normals[triangles[:, 0]] * mesh.normals[triangles[:, 1]]).sum(axis=1)
+    smooth = (
+        (mesh.triangles_at_edge == 2) & (turn >= _SMOOTH_TURN) & (width.max(axis=1) <= _FINE_SHARE * size_m)
+    )
+    part = joined_parts(triangles[smooth], len(mesh.faces))
+    part_at = np.zeros(len(mesh.vertices_m), np.int64)
+    part_at[mesh.faces] = part[:, None]
+    at_points = np.where(np.isin(mesh.points, corners[~smooth, 0, :2]), -1, part_at[mesh.points])
+    at_edges = np.where(smooth[number], part[triangles[number, 0]], -1)
+    return mesh._replace(smooth_points=_first_of_each(at_points), smooth_edges=_first_of_each(at_edges))
+
+
+def _first_of_each(parts: Indices) -> Indices:
+    """For each of some numbers of parts where its part is first; -1 stays."""
+    _, first, inverse = np.unique(parts, return_index=True, return_inverse=True)
+    return np.where(parts < 0, -1, first[inverse])
 
 
 def _ways(vertices: Array, ends: Indices, points: Indices) -> tuple[Indices, Array]:

@@ -24,7 +24,6 @@ from toppling.models.ground.contacts import (
     contacts_in,
     solver_room,
 )
-from toppling.models.ground.curved import CurvedGround, curved_contacts
 from toppling.models.ground.facets import Facets, rounded_contacts
 from toppling.models.ground.mesh import ContactMesh
 from toppling.models.ground.pairs import RADIUS, Lists, find
@@ -107,7 +106,6 @@ class Grounded(NamedTuple):
     rolling: RollingSurface  # with which a rounded base touches that plane
     rock: ContactMesh  # body axes; none until the rock comes to where the ground is no plane
     ground: ContactMesh
-    curved: CurvedGround  # below a flat base
     facets: Facets  # below a rounded base: then no points and edges of it are in the rock's mesh
     lists: Lists
     contacts: Any  # those of the latest substep, records of CONTACT
@@ -250,7 +248,7 @@ def _choose(sim: Grounded, count: int, step_s: float, reach_m: float, velocity: 
         carries = whole or at_start <= touching or closing <= sim.resolved_m_s
         near = at_start < _NEAR * TOUCHING_SHARE * sim.size_m
         if near and not whole and (at_start <= touching or not carries):
-            k = _place_among_latest(sim, one.key)
+            k = _place_among_latest(sim, one)
             carried = k >= 0 and dot(sim.contacts[k].impulse, one.normal) > 0.0
             known = k >= 0 and (carried or at_start < _NEAR * touching)
             if at_start <= touching and not known and -_rate(one, velocity) > sim.resolved_m_s:
@@ -284,12 +282,15 @@ def touching_m(sim: Grounded) -> float:
 
 
 @inner
-def _place_among_latest(sim: Grounded, key: int) -> int:
-    """Where a contact stands among those of the latest substep; -1 where it was none of them."""
+def _place_among_latest(sim: Grounded, one: Any) -> int:
+    """Where a contact stands among those of the latest substep, of one key the nearest; -1 where it is none of them."""
+    found, least = -1, np.inf
     for k in range(sim.counts[0]):
-        if sim.contacts[k].key == key:
-            return k
-    return -1
+        if sim.contacts[k].key == one.key:
+            far = square(minus(sim.contacts[k].arm_m, one.arm_m))
+            if far < least:
+                found, least = k, far
+    return found
 
 
 @inner
@@ -308,13 +309,17 @@ def _warm(sim: Grounded, count: int, step_s: float, velocity: Array) -> Vector:
     spin, since_s = (velocity[3], velocity[4], velocity[5]), sim.work.since_s[0] + 0.5 * step_s
     farthest_m, ahead = 2.0 * math.sqrt(square(spin)) * since_s * sim.lists.farthest_m, 0.5 * step_s / since_s
     gained, push, pressed = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0
+    for k in range(sim.counts[0]):
+        sim.contacts[k].lands = 0
     for i in range(count):
-        one, k = sim.trial[i], _place_among_latest(sim, sim.trial[i].key)
+        one, k = sim.trial[i], _place_among_latest(sim, sim.trial[i])
         if k < 0:
             continue
         last = sim.contacts[k]
-        for axis in range(3):
-            one.impulse[axis] = step_s / _step_s(sim) * last.impulse[axis]
+        if last.lands == 0:  # of one key only one goes on with its impulse
+            for axis in range(3):
+                one.impulse[axis] = step_s / _step_s(sim) * last.impulse[axis]
+            last.lands = 1
         way = minus(one.arm_m, last.arm_m)
         if square(way) > farthest_m * farthest_m:  # farther than it has turned: at once on another place
             continue
@@ -344,9 +349,14 @@ def _impact(sim: Grounded, pose: Array, velocity: Array) -> None:
     """
     rotation_of(pose, sim.work.turn)
     invert(sim.work.turn, sim.inertia_m2, sim.work.inverse)
-    found, count = _contacts(sim, pose, _NEAR * TOUCHING_SHARE * sim.size_m), 0
+    on_plane, near_m = sim.counts[7] == 1, _NEAR * TOUCHING_SHARE * sim.size_m
+    # The cut before it may miss the moment at which a contact closes by what arcs differ from lines.
+    near_m += 0.0 if on_plane else 0.5 * square(velocity[3:]) * _step_s(sim) ** 2 * sim.size_m
+    found, count = _contacts(sim, pose, near_m), 0
     for i in range(found):
-        if sim.trial[i].gap_m < _NEAR * touching_m(sim) or _place_among_latest(sim, sim.trial[i].key) >= 0:
+        one = sim.trial[i]
+        known = one.gap_m < _NEAR * touching_m(sim) or _place_among_latest(sim, one) >= 0
+        if known or not on_plane:
             if i != count:
                 sim.trial[count] = sim.trial[i]
             count += 1
@@ -379,7 +389,7 @@ def _margin_m(sim: Grounded, step_s: float, reach_m: float, velocity: Array, fre
     margin = near_m + reach_m
     if _is_over_plane(sim, sim.work.middle, margin):
         return margin
-    if len(sim.curved.coefficients) > 0 or len(sim.facets.apart_m) > 0:
+    if len(sim.facets.apart_m) > 0:
         return margin
     find(sim.rock, sim.ground, sim.work.middle, margin, sim.lists)
     pairs = sim.lists.pairs
@@ -462,11 +472,7 @@ def contacts_at(bodies: Any, pose: Array, margin_m: float, leaning: float, lists
 
 @inner
 def _on_surface(bodies: Any, pose: Array, margin_m: float, leaning: float, lists: Lists, out: Any) -> int:
-    (rock, ground, curved, facets), pairs = bodies, lists.pairs
-    if len(curved.coefficients) > 0:
-        count = curved_contacts(curved, pose, margin_m, pairs.turn, out)
-        if count >= 0:
-            return count
+    (rock, ground, facets), pairs = bodies, lists.pairs
     find(rock, ground, pose, margin_m, lists)
     count = contacts_in(rock, ground, pairs, pose, margin_m, leaning, out)
     if len(facets.apart_m) > 0:
@@ -484,7 +490,7 @@ def _contacts(sim: Grounded, pose: Array, margin: float) -> int:
         lengths_m = sim.size_m, sim.lists.farthest_m
         return plane_contacts(sim.over, pose, sim.work.turn, lengths_m, margin, sim.trial)
     sim.counts[7] = 0
-    bodies = sim.rock, sim.ground, sim.curved, sim.facets
+    bodies = sim.rock, sim.ground, sim.facets
     return _on_surface(bodies, pose, margin, LEANING, sim.lists, sim.trial)
 
 

@@ -7,7 +7,6 @@ from scipy.spatial.transform import Rotation
 
 from toppling.models.compiled import compiled
 from toppling.models.ground.contacts import CONTACT, LEANING, MOST, contacts_in
-from toppling.models.ground.curved import NO_CURVED
 from toppling.models.ground.facets import NO_FACETS
 from toppling.models.ground.mesh import contact_mesh
 from toppling.models.ground.pairs import REACH, empty_lists, find
@@ -75,9 +74,7 @@ def looked_along_all(rock, ground, poses, margins_m):
 
 def contacts_anew(rock, ground, pose, margin_m, room):
     out = np.zeros(MOST, CONTACT)
-    count = contacts_at(
-        (rock, ground, NO_CURVED, NO_FACETS), pose, margin_m, LEANING, lists_of(rock, room), out
-    )
+    count = contacts_at((rock, ground, NO_FACETS), pose, margin_m, LEANING, lists_of(rock, room), out)
     return dict(zip(out["key"][:count].tolist(), out["gap_m"][:count].tolist(), strict=True))
 
 
@@ -125,9 +122,7 @@ def test_edges_that_are_nearly_flat_touch_by_the_way_that_leads_out_of_both_bodi
     )
     out = np.zeros(MOST, CONTACT)
     pose = np.array([0.003, 0.002, 0.0004, 0.0, 0.0, 0.0, 1.0])
-    found = out[
-        : contacts_at((rock, ground, NO_CURVED, NO_FACETS), pose, 0.008, LEANING, lists_of(rock), out)
-    ]
+    found = out[: contacts_at((rock, ground, NO_FACETS), pose, 0.008, LEANING, lists_of(rock), out)]
     assert found["gap_m"].min() > 0.0
     assert found["normal"][:, 2].min() > 0.99
     assert (found["key"] >= 2 << 60).sum() >= 10
@@ -137,7 +132,7 @@ def test_contacts_that_are_too_many_to_list_from_afar_are_listed_from_nearer():
     rock, ground, pose = rough_pair()
     pose[2] -= min(contacts_anew(rock, ground, pose, 0.03, PLENTY).values())
     lists, out = lists_of(rock, 200), np.zeros(MOST, CONTACT)
-    contacts_at((rock, ground, NO_CURVED, NO_FACETS), pose, 0.08, LEANING, lists, out)
+    contacts_at((rock, ground, NO_FACETS), pose, 0.08, LEANING, lists, out)
     assert lists.pairs.lengths_m[REACH] < 0.08
     assert lists.pairs.found.max() < 200
     touching = contacts_anew(rock, ground, pose, 0.0005, PLENTY)
@@ -160,7 +155,7 @@ def test_a_hollows_face_reaches_on_below_the_other_face_and_no_farther(place_m, 
     faces = np.array([[0, 2, 1], [0, 3, 2], [0, 1, 3], [1, 2, 3]])
     rock = contact_mesh(needle_m, faces, needle_m.min(axis=0), needle_m.max(axis=0), REACH_M)
     pose, out = np.array([*place_m, 0.0, 0.0, 0.0, 1.0]), np.zeros(MOST, CONTACT)
-    count = contacts_at((rock, ground, NO_CURVED, NO_FACETS), pose, 0.05, LEANING, lists_of(rock), out)
+    count = contacts_at((rock, ground, NO_FACETS), pose, 0.05, LEANING, lists_of(rock), out)
     of_tip = out[:count][out["key"][:count] < 1 << 60]
     steep = np.hypot(of_tip["normal"][:, 0], of_tip["normal"][:, 1]) / of_tip["normal"][:, 2]
     assert set(steep.round(2)) == slopes

@@ -522,6 +522,20 @@ def test_a_rock_that_a_wall_catches_before_its_balance_has_not_lodged():
     assert not caught.toppled
 
 
+def test_a_prism_that_rolls_over_to_its_next_side_has_toppled_and_not_lodged():
+    """Nothing stands beside it."""
+    angle = np.radians(np.arange(0.0, 360.0, 60.0))
+    ring = [*zip(0.4 * np.cos(angle), 0.4 * np.sin(angle) + 0.4 * math.cos(math.pi / 6), strict=True)]
+    scene = Scene.from_mesh(
+        prism(ring, [(0, k, k + 1) for k in range(1, 5)]),
+        pedestal=strips([(-6.0, 0.0), (6.0, 0.0)]),
+        friction=1.5,
+    )
+    rolled = shake(as_surface(scene), pulse(8.0, 0.3, after_s=6.0), "fast")
+    assert rolled.residual_tilt_deg == pytest.approx(60.0, abs=0.1)
+    assert rolled.outcome == "toppled"
+
+
 @pytest.mark.parametrize("slope_deg", [15, -15])
 def test_a_stool_that_slides_across_a_fold_on_its_own_feet_has_not_lodged(slope_deg):
     """One foot comes to stand higher than the other by more than a quarter of the centre of mass's height."""

@@ -133,7 +133,7 @@ class CheckedSteps:
 def _is_coarse(body: GroundedBody) -> bool:
     """Whether PyBullet can repeat steps over a mesh: the rock is its hull, and what it touches is what is meshed."""
     return (
-        not (body.rolls_on_facets or body.rolls_on_dome)
+        not body.rolls_on_facets
         and len(body.rock.vertices_m) * len(body.ground.faces) <= _FINEST
         and bool(trimesh.Trimesh(body.rock.vertices_m, body.rock.faces, process=False).is_convex)
     )

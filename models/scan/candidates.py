@@ -161,9 +161,14 @@ def _seen_near_by(points_m: Array, coarse: Candidate) -> Candidate:
         peak = int(np.argmax(np.where(near, surfels.points_m[:, 2], -np.inf)))
         rim = np.hypot(*(surfels.points_m[:, :2] - axis).T) > reach - 3.0 * surfels.voxel_m
         rim |= surfels.points_m[:, 2] < rock[:, 2].min() - _BESIDE_HEIGHTS * height + 3.0 * surfels.voxel_m
-        cuts = [_cut_at(surfels, edges, peak, share * height, rim) for share in _TRIED_HEIGHTS]
-        finer = max(filter(None, cuts), key=lambda each: each.shared(coarse), default=None)
-        if finer is None or finer.shared(coarse) < _SAME_SHARE or finer.concave_share < LEAST_CONCAVE_SHARE:
+        tried = [_cut_at(surfels, edges, peak, share * height, rim) for share in _TRIED_HEIGHTS]
+        cuts = [each for each in tried if each is not None and _closes(each)]
+        finer = max(cuts, key=lambda each: each.shared(coarse), default=None)
+        if finer is not None and finer.shared(coarse) < _SAME_SHARE:
+            # Another thing, such as a rock that wide patches joined with the wall beside it: the cheaper cut counts.
+            finer = min(cuts, key=lambda each: each.cost)
+            finer = finer if _LIKE_COST * finer.cost < coarse.cost else None
+        if finer is None:
             break
         coarse = replace(finer, rivals=coarse.rivals)
     return coarse

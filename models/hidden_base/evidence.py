@@ -10,11 +10,14 @@ from scipy.special import logsumexp
 
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
-from toppling.models.hidden_base.gap import Base, GapDraw, Relief, flat_log_likelihood, side_raised, weights
+from toppling.models.hidden_base.gap import Base, GapDraw, Relief, flat_log_likelihood, side_raised
 from toppling.models.hidden_base.observed import LEVEL_PER_WIDTH, ROUGH_LENGTH_PER_WIDTH, HiddenPart
 from toppling.models.proportions import effective_number
 from toppling.models.scan.hints_file import FLAT, KINDS, ROUGH, ROUNDED
 
+EFFECTIVE_SHARE = 0.2
+"""Least share of a kind's draws that their weights leave effective: costs of a Gaussian prior, which no base follows so
+closely. Of .1 to .7 that which held most of nine rocks of four families (benchmarks/reports/scan.md)."""
 BEFORE = {FLAT: 0.2, ROUGH: 0.4, ROUNDED: 0.4}
 """How likely each kind is before anything was seen."""
 _EVIDENCE_SHARE = 0.15
@@ -109,7 +112,10 @@ def mixed_weights(gaps: Sequence[GapDraw], shares: Mapping[str, float]) -> Array
     for each, share in shares.items():
         of_kind = kind == each
         if of_kind.any():
-            own = weights(log_weight[of_kind])
+            count = int(of_kind.sum())
+            own = conditioned(
+                np.ones(count), log_weight[of_kind] - log_weight[of_kind].max(), EFFECTIVE_SHARE * count
+            )
             weight[of_kind] = share * own / own.sum()
     return weight
 
@@ -129,7 +135,8 @@ Pulls = Sequence[tuple[float, float]]
 
 def pulls_log_likelihood(pulls: Pulls, ratios: Array) -> Array:
     """How likely (n,) draws with such ratios (n, pulls) make what was measured, the likeliest 0, as logarithm."""
-    squares = (_misfits(pulls, ratios) ** 2).sum(axis=1)
+    measured = np.array([ratio for _, ratio in pulls])
+    squares = (((ratios / measured - 1.0) / _PULL_STD_SHARE) ** 2).sum(axis=1)
     return np.asarray(-0.5 * (squares - squares.min()))
 
 
@@ -163,18 +170,16 @@ def check_spanned(pulls: Pulls, ratios: Array, weight: Array) -> None:
         low, high = _span(drawn, weight)
         if low < ratio * (1.0 + error) and high > ratio * (1.0 - error):
             continue
-        raise _contradicted(
+        raise InputError(
+            "base.pull_beyond",
             f"no drawn base agrees with a largest force of {ratio:g} of the weight toward azimuth {azimuth:g}°: there "
             f"they bear {low:.3g} to {high:.3g}",
-            f"--pull {azimuth:g} {ratio:g}",
-            f"a ratio that a drawn base bears, within the test's error of {100 * error:.0f} %",
+            where=f"--pull {azimuth:g} {ratio:g}",
+            expected=f"a ratio that a drawn base bears, within the test's error of {100 * error:.0f} %",
+            remedy="check that AZIMUTH is the direction of the pull (the opposite of the ground's acceleration), in "
+            "degrees counter-clockwise from east, and RATIO the largest force over the weight; else the interface "
+            "(--plane, --point, --outline) or a place of --contact is wrong",
         )
-
-
-def _misfits(pulls: Pulls, ratios: Array) -> Array:
-    """Deviations (n, pulls) in standard deviations of the measurement."""
-    measured = np.array([ratio for _, ratio in pulls])
-    return np.asarray(np.abs(ratios / measured - 1.0) / _PULL_STD_SHARE)
 
 
 def _span(drawn: Array, weight: Array) -> tuple[float, float]:
@@ -184,15 +189,3 @@ def _span(drawn: Array, weight: Array) -> tuple[float, float]:
     tail = 0.5 * (1.0 - _SPANNED_SHARE)
     low, high = np.searchsorted(below, [tail, 1.0 - tail]).clip(max=len(drawn) - 1)
     return float(drawn[order[low]]), float(drawn[order[high]])
-
-
-def _contradicted(what: str, where: str, expected: str) -> InputError:
-    return InputError(
-        "base.pull_beyond",
-        what,
-        where=where,
-        expected=expected,
-        remedy="check that AZIMUTH is the direction of the pull (the opposite of the ground's acceleration), in "
-        "degrees counter-clockwise from east, and RATIO the largest force over the weight; else the interface "
-        "(--plane, --point, --outline) or a place of --contact is wrong",
-    )

@@ -13,7 +13,6 @@ from scipy.spatial.distance import cdist
 
 from toppling.models.arrays import Array, Flags, Indices
 from toppling.models.hidden_base.near_interface import DRAWN, SIDE_TANGENT, NearInterface, UnseenSide
-from toppling.models.proportions import effective_number
 from toppling.models.scan.crevice import Grid, check_seen, smooth_sheet
 from toppling.models.scan.directions import SECTORS, sectors
 from toppling.models.scan.interface import Interface
@@ -26,8 +25,6 @@ _ROUNDS = 80
 _MOST_AT_ONCE = 12
 _TRIANGLES = 12
 """Triangles of the hull that are looked at below the line of the weight."""
-_EFFECTIVE_SHARE = 0.1
-"""Least share of the draws that their weights leave effective."""
 _TOUCHING_SHARE = 1e-6
 """Share of the field's level below which a gap is closed."""
 
@@ -143,23 +140,6 @@ def resampled(weight: Array, count: int, random: np.random.Generator) -> Indices
     """Numbers (count,) of draws, each as often as its weight says (systematic resampling)."""
     steps = (np.arange(count) + random.random()) / count
     return np.searchsorted(np.cumsum(weight) / weight.sum(), steps).clip(max=len(weight) - 1)
-
-
-def weights(log_weight: Array) -> Array:
-    """Weights (n,) of draws of one kind, the largest 1.
-
-    Weights that would leave fewer effective draws than a share of all are tempered: they are costs of a Gaussian prior,
-    which no base follows so closely.
-    """
-    log_weight = log_weight - log_weight.max()
-    weight = np.exp(log_weight)
-    power = 1.0
-    for _ in range(60):
-        weight = np.exp(power * log_weight)
-        if effective_number(weight) >= _EFFECTIVE_SHARE * len(weight):
-            break
-        power *= 0.9
-    return np.asarray(weight)
 
 
 def facet_below(places_m: Array, gap_m: Array, projected_com_m: Array) -> Indices | None:
@@ -461,7 +441,9 @@ class Underside:
         within = ndimage.binary_erosion(hidden, iterations=3)
         depth = depth_of_holes(grid, lit[within.ravel()[grid.index(lit)]]) * hidden
         into_seen = ndimage.distance_transform_edt(~hidden)
-        carries = _lowest_of_rim(seen_height, seen, height_m) | (seen & (into_seen > 8.0))
+        known = np.where(seen, seen_height, np.inf)
+        lowest = known <= ndimage.minimum_filter(known, _RIM_CELLS) + _RIM_SPREAD_PER_HEIGHT * height_m
+        carries = seen & (lowest | (into_seen > 8.0))
         passage = None
         if on_feet and passed and outline is None:
             lit_there = hidden & (depth == 0.0)
@@ -564,12 +546,6 @@ def _feet(grid: Grid, seen: Flags, shown: Flags) -> Flags:
     inside = (nodes @ hull[:, :2].T + hull[:, 2] <= 0.0).all(axis=-1)
     # Along the pedestal's edge runs a strip that a few points leave open.
     return ndimage.binary_opening(inside & ~seen & ~shown, iterations=2)
-
-
-def _lowest_of_rim(height: Array, seen: Flags, height_m: float) -> Flags:
-    """Seen cells that are the lowest around."""
-    known = np.where(seen, height, np.inf)
-    return seen & (known <= ndimage.minimum_filter(known, _RIM_CELLS) + _RIM_SPREAD_PER_HEIGHT * height_m)
 
 
 def _largest(mask: Flags) -> Flags:

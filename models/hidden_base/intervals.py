@@ -42,7 +42,9 @@ def base_sentences(report: Mapping[str, Any]) -> list[str]:
         + f" m (x, y, z) in {100 * found['level']:.0f} % of these bases",
     ]
     if kinds := found.get("kinds"):
-        sentences.append("kind of the base, by its rim and hints: " + _kinds_told(kinds, found["draws"]))
+        counted = sorted(kinds.items(), key=lambda each: -each[1]["draws"])
+        told = ", ".join(f"{kind} {100 * each['draws'] / found['draws']:.0f} %" for kind, each in counted)
+        sentences.append(f"kind of the base, by its rim and hints: {told}")
     if opening := found.get("lift_off"):
         sentences += _lift_off_told(table, opening)
     if "without_inspection" in found:
@@ -87,12 +89,6 @@ def median_width(table: list[dict[str, Any]]) -> float:
     return float(np.median([
         (each["high_m_s2"] - each["low_m_s2"]) / max(each["median_m_s2"], 1e-9) for each in table
     ]))  # fmt: skip
-
-
-def _kinds_told(kinds: Mapping[str, Any], draws: int) -> str:
-    """Kinds of the draws by their share, the likeliest first."""
-    counted = sorted(kinds.items(), key=lambda each: -each[1]["draws"])
-    return ", ".join(f"{kind} {100 * each['draws'] / draws:.0f} %" for kind, each in counted)
 
 
 def _lift_off_told(table: list[dict[str, Any]], opening: list[dict[str, Any]]) -> list[str]:

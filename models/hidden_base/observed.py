@@ -98,11 +98,6 @@ class HiddenPart:
     pedestal: Pedestal | None = None  # its surface around the rock; None: the interface
 
     @property
-    def cell_m2(self) -> float:
-        """Area that each of the inner places stands for."""
-        return self.width_m**2 / int(self.in_closing.sum())
-
-    @property
     def in_closing(self) -> Flags:
         """Which of the inner places lie on the likeliest outline."""
         under = self.under

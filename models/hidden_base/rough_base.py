@@ -100,7 +100,14 @@ def with_rough_base(
     tried = 0
     while len(kept) < draws:
         if tried * _LEAST_SHARE_THAT_STANDS > max(draws, len(kept), 1):
-            raise _hardly_stands(scene, std_m, tried, len(kept))
+            raise InputError(
+                "base.hardly_stands",
+                f"of {tried} bases with noise of {std_m[0]:g} to {std_m[1]:g} m the rock stands on {len(kept)}",
+                where=f"scene {scene.id}",
+                expected=f"a rock that stands on at least {_LEAST_SHARE_THAT_STANDS:.1%} of its possible bases",
+                remedy="give a smaller standard deviation, a larger attitude_std_deg or a smaller "
+                "least_toppling_m_s2, or turn the mesh to the pose in which the rock stood",
+            )
         tried += 1
         noise, shift_m = _Noise.drawn(std_m, wavelength_m, random), com_std_m * random.normal(size=3)
         chance = float(random.random())
@@ -178,17 +185,6 @@ def _stood(scene: Scene, base: UnseenBase, standing: Standing, chance: float) ->
     return all(
         quasi_static_toppling_m_s2(rock, scene.pedestal, scene.gravity_m_s2, (azimuth,))[0][1] > least_m_s2
         for azimuth in azimuths
-    )
-
-
-def _hardly_stands(scene: Scene, std_m: tuple[float, float], tried: int, kept: int) -> InputError:
-    return InputError(
-        "base.hardly_stands",
-        f"of {tried} bases with noise of {std_m[0]:g} to {std_m[1]:g} m the rock stands on {kept}",
-        where=f"scene {scene.id}",
-        expected=f"a rock that stands on at least {_LEAST_SHARE_THAT_STANDS:.1%} of its possible bases",
-        remedy="give a smaller standard deviation, a larger attitude_std_deg or a smaller "
-        "least_toppling_m_s2, or turn the mesh to the pose in which the rock stood",
     )
 
 

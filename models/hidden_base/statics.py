@@ -152,9 +152,10 @@ def mass_moved_m(part: HiddenPart, base: Base, gap_m: Array, rock: Rock, interfa
     places = part.observed.places_m[: part.inner]
     lower, upper = base.grid.at(base.height_m, places), gap_m[: part.inner]
     closes = part.in_closing
+    cell_m2 = part.width_m**2 / int(closes.sum())
     if base.passage is not None:
         closes &= ~base.passage.ravel()[base.grid.index(places)]
-    taken = np.where(closes, upper - lower, 0.0) * part.cell_m2
+    taken = np.where(closes, upper - lower, 0.0) * cell_m2
     com = interface.flat(rock.com_m[None])[0]
     arms = np.column_stack([places, 0.5 * (upper + lower)]) + interface.rise(places) - com
     return np.asarray(interface.axes @ -(taken[:, None] * arms).sum(axis=0) / rock.volume_m3)

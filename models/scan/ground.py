@@ -112,12 +112,8 @@ def _outline_m(rock: Rock, interface: Interface, height_m: float) -> Array:
         return support_polygon_m(rock, Pedestal(interface.point_m, interface.normal))
     resting = interface.over(rock.vertices_m)[:, 2] < CONTACT_SHARE_OF_HEIGHT * height_m
     places = interface.flat(rock.vertices_m[resting])[:, :2]
-    corners = _hull(places)
+    corners = places[ConvexHull(places).vertices]
     return interface.scene(np.column_stack([corners, np.zeros(len(corners))]) + interface.rise(corners))
-
-
-def _hull(places: Array) -> Array:
-    return places[ConvexHull(places).vertices]
 
 
 def kept_of(ground: Ground, seen_m: Array, interface: Interface) -> dict[str, Any]:

@@ -352,7 +352,13 @@ def work_out(
     report = {
         **_surface_report(closed, interface, "fit" if hint is None else hint.kind, ground),
         **({"not_free": {each.kind: each.sentence for each in doubted}} if doubted else {}),
-        "segmentation": _segmentation_report(parts, seen),
+        "segmentation": {
+            "rock_points": int((seen.label == ROCK).sum()),
+            "pedestal_points": int((seen.label == PEDESTAL).sum()),
+            "neither_points": int((seen.label == NEITHER).sum()),
+            "resolution_m": parts.surfels.voxel_m,
+            "other_candidates": [{"top_m": [*other[:3]], "height_m": other[3]} for other in parts.others],
+        },
         "pedestal": kept,
         "registration": fitted.report,
         "files": [source.to_json() for source in cloud.sources]
@@ -462,17 +468,6 @@ def _surface_report(
             "edges_m": [edge.tolist() for edge in ground.edges_m],
         },
         "surface": {each: getattr(closed, each) for each in SHARES},
-    }
-
-
-def _segmentation_report(parts: Segmentation, seen: _Seen) -> dict[str, Any]:
-    label = seen.label
-    return {
-        "rock_points": int((label == ROCK).sum()),
-        "pedestal_points": int((label == PEDESTAL).sum()),
-        "neither_points": int((label == NEITHER).sum()),
-        "resolution_m": parts.surfels.voxel_m,
-        "other_candidates": [{"top_m": [*other[:3]], "height_m": other[3]} for other in parts.others],
     }
 
 

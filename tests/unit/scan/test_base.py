@@ -5,10 +5,17 @@ import pytest
 import trimesh
 from patches import LEVEL, level, upward
 
-from toppling.models.hidden_base.evidence import BEFORE, bowls, mixed_weights, shares_by_evidence
+from toppling.models.hidden_base.evidence import (
+    BEFORE,
+    EFFECTIVE_SHARE,
+    bowls,
+    mixed_weights,
+    shares_by_evidence,
+)
 from toppling.models.hidden_base.gap import Base, GapDraw, Underside, hidden_base
 from toppling.models.hidden_base.near_interface import NearInterface
 from toppling.models.pedestal import Pedestal
+from toppling.models.proportions import effective_number
 from toppling.models.relief import contact_feet_m
 from toppling.models.rock import Rock
 from toppling.models.scan.close import close_rock
@@ -146,6 +153,11 @@ def test_a_rim_tells_shapes_of_one_kind_apart_as_little_as_kinds_and_standing_in
     cost = [GapDraw(np.zeros(3), each, 0, "rounded", 0.0) for each in (0.0, -2.0)]
     first, second = mixed_weights(cost, {"rounded": 1.0})
     assert second / first == pytest.approx(np.exp(-2.0))
+
+
+def test_one_draw_of_overwhelming_weight_does_not_silence_the_others_of_its_kind():
+    gaps = [GapDraw(np.zeros(3), each, 0, "rough", 0.0) for each in (0.0, *np.linspace(-500.0, -100.0, 39))]
+    assert effective_number(mixed_weights(gaps, {"rough": 1.0})) == pytest.approx(EFFECTIVE_SHARE * len(gaps))
 
 
 @pytest.mark.parametrize("number", range(len(bowls(1.0))))

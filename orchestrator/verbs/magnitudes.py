@@ -256,18 +256,11 @@ def _write(answer: "Exclusions", out: Path, statement: dict[str, Any]) -> None:
 
 
 def _words(statement: dict[str, Any]) -> str:
-    from toppling.results.drawing.sentences import age_words
-    from toppling.results.drawing.style import printed_unit, short_name, within
+    from toppling.results.drawing.sentences import age_words, fragility_words
     from toppling.results.hazard.magnitudes import REFERENCE
 
     models = ", ".join(f"{model['name']} ({model['weight']:.3g})" for model in statement["models"])
-    median = within(statement["median"], statement["strongest_shaken"])
-    lines = [
-        f"{statement['rock']}: median {median} {printed_unit(statement['measure'])} "
-        f"({short_name(statement['measure'])}), beta {statement['beta']:.2f}{age_words(statement)}; "
-        f"models: {models}; "
-        f"Vs30 {statement['vs30_m_s']:g} m/s"
-    ]
+    lines = []
     at = "at magnitude {:g} and {:g} km".format(*REFERENCE)
     for case in statement["occurrences"]:
         lines.append(f"{case['occurrence'].capitalize()}, at {100 * statement['confidence']:g} %:")
@@ -282,6 +275,10 @@ def _words(statement: dict[str, Any]) -> str:
                 f"earthquake, with {case['topples_ergodic']:.3f}"
             )
     lines += map(_fault_line, statement["faults"])
+    lines.append(
+        f"{statement['rock']}: {fragility_words(statement, statement['measure'])}{age_words(statement)}; "
+        f"models: {models}; Vs30 {statement['vs30_m_s']:g} m/s."
+    )
     lines.append(
         "{}, sigma {total:.3f} consists of {between_events:.3f} between events, {between_sites:.3f} between sites "
         "(shared by all earthquakes here) and {remaining:.3f} remaining (Al Atik, 2015, global model).".format(
@@ -317,7 +314,7 @@ def _distance_lines(case: dict[str, Any]) -> list[str]:
             continue
         low, high = row["magnitude_low"], row["magnitude_high"]
         most = "any" if high is None else f"{high:.1f}"
-        others = "" if low is None else f" ({low:.1f} to {most} with other records)"
+        others = "" if low is None else f" (95 %: {low:.1f} to {most})"
         lines.append(f"{row['distance_km']:.3g} km: magnitudes above {row['magnitude']:.2f}{others}")
     return lines
 

@@ -362,8 +362,8 @@ class Exclusions:
             for case in self.occurrences
         ]  # fmt: skip
         return {
-            "rock": self.rock.name, "measure": self.rock.curve.measure, "median": self.rock.curve.median,
-            "beta": self.rock.curve.beta, "strongest_shaken": self.rock.curve.strongest_shaken,
+            "rock": self.rock.name, "measure": self.rock.curve.measure, **self.rock.curve.numbers,
+            "strongest_shaken": self.rock.curve.strongest_shaken,
             "magnitude_range": self.grid.magnitude[[0, -1]].tolist(),
             "distance_range_km": self.grid.distance_km[[0, -1]].tolist(), "occurrences": stated,
             "faults": _rows(self.faults) if self.traces else [],

@@ -44,7 +44,7 @@ from toppling.results.drawing.templates import Block, Document, rendered
 from toppling.results.hazard.update import Update, write_openquake
 from toppling.results.reader import Completeness
 
-_MOST_BRANCHES = 15
+_MOST_BRANCHES = 8
 """Branches that the page's table holds, those with the most weight; the file has all."""
 
 

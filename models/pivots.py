@@ -53,18 +53,7 @@ def crossed(one: Array, other: Array) -> Array:
 def tips_m_s2(arms_m: Array, normals: Array, size_m: float, load_m_s2: Array, push: Array) -> float | None:
     """Largest acceleration s at which the load + s push tips a rock about no axis; None if each tips it.
 
-    Infinite where none is too large.
-
-    Parameters
-    ----------
-    arms_m, normals : (n, 3) arrays
-        Contacts, from the centre of mass, and their unit normals toward the rock.
-    size_m : float
-        R.
-    load_m_s2 : (3,) array
-        Specific force on the centre of mass.
-    push : (3,) array
-        Unit vector.
+    Infinite where none is too large. Arms (n, 3) are from the centre of mass, normals toward the rock.
     """
     # Contacts on one line let it turn both ways: they are no rest.
     if (
@@ -95,6 +84,20 @@ def turn_under(arms_m: Array, normals: Array, size_m: float, force_m_s2: Array) 
     gains = (crossed(arms, axes) * force_m_s2).sum(axis=1)
     best = int(gains.argmax()) if len(gains) else 0
     return Turn(arms[best], axes[best]) if len(gains) and gains[best] > 0.0 else None
+
+
+def kept_share(turn: Turn, arms_m: Array, normals: Array, size_m: float) -> float:
+    """Largest share of its energy with which a rock that turns goes on: no contact that lands slips or rebounds.
+
+    Its radius of gyration is taken as that of a block, R/sqrt(3).
+    """
+    places = np.vstack([turn.arm_m, arms_m])
+    onward = _that_open(places, np.tile(turn.axis, (len(places), 1)), arms_m, normals, size_m)
+    start, axis = map(np.vstack, zip(onward, _axes(arms_m, normals, size_m), strict=True))
+    before = np.append(crossed(turn.arm_m, turn.axis), size_m / np.sqrt(3.0) * turn.axis)
+    after = np.hstack([crossed(start, axis), size_m / np.sqrt(3.0) * axis])
+    along = np.maximum(after @ before, 0.0) / np.linalg.norm(after, axis=1)
+    return float(along.max(initial=0.0) ** 2 / (before @ before))
 
 
 def _that_open(

@@ -25,7 +25,7 @@ _FARTHEST_M = 1e8
 
 _mesh_error = refusals(
     expected="one closed body of triangles, oriented outward, in metres",
-    remedy="close the mesh (every edge joins two triangles), or make the scene with 'toppling scan'",
+    remedy="export the rock alone, closed and with all normals outward, or make the scene with 'toppling scan'",
 )
 
 

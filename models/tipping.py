@@ -20,7 +20,7 @@ from toppling.models.ground.contacts import LEANING, MOST
 from toppling.models.ground.equilibrium import farthest_load, shortest, wrenches
 from toppling.models.ground.facets import FIRST_KEY as FIRST_SMOOTH_KEY
 from toppling.models.ground.stepping import Grounded, contacts_at
-from toppling.models.pivots import Turn, crossed, tips_m_s2, turn_under
+from toppling.models.pivots import Turn, crossed, kept_share, tips_m_s2, turn_under
 from toppling.models.statics import Limits
 
 _STEP_SHARE = 0.008
@@ -63,18 +63,18 @@ def limits_on_surface(body: GroundedBody, azimuths_deg: Iterable[float]) -> list
 def _followed(body: GroundedBody, azimuth_deg: float) -> tuple[float, float]:
     """Accelerations at which the rock tips, and slides, on the path of one azimuth.
 
-    Where a pose supports less than the best so far, the rock gathers energy, and the path ends where that is too much.
+    Where a pose supports less than the best so far, the rock gathers energy, of which it loses what contacts that land
+    take. The path ends where it is beyond its balance, as gravity alone carries it on, with too much of that energy.
     """
     size_m, g, load = body.size_m, body.gravity_m_s2, body.load_m_s2()
     push = -horizontal_unit_vector(azimuth_deg) @ body.scene_from_support
     sim, start = body.clockless(body.resting_pose, 1.0), body.resting_pose
     best, held, gathered_j_kg, short, rolled = 0.0, 0.0, 0.0, 0, False
     slides, way_m = np.inf, 0.25 * _STEP_SHARE * size_m
-    settles_m = load * (
-        _PRESSED_SHARE * size_m / g
-    )  # a rock that was let down rests on some contacts but nearly
+    settles_m = load * (_PRESSED_SHARE * size_m / g)  # some contacts of a rock that was let down nearly touch
     pose = _pressed(body, start, _near(sim, start, way_m), settles_m)
     last = peak = prior = pose
+    turn, pivot_m = None, pose[:3]
     for _ in range(_MOST_STEPS):
         near = _near(sim, pose, way_m)
         touching = near[near["gap_m"] < _TOUCHING_SHARE * size_m]
@@ -99,9 +99,13 @@ def _followed(body: GroundedBody, azimuth_deg: float) -> tuple[float, float]:
             touching = near[near["gap_m"] < _TOUCHING_SHARE * size_m]
         else:
             gathered_j_kg = max(gathered_j_kg + float((load + best * push) @ (pose[:3] - last[:3])), 0.0)
-            if gathered_j_kg > _GATHERED * size_m * g:
+            if turn is not None:
+                turn = Turn(pivot_m - pose[:3], turn.axis)
+                gathered_j_kg *= kept_share(turn, touching["arm_m"], touching["normal"], size_m)
+            moves = gathered_j_kg > _GATHERED * size_m * g
+            if moves and load @ (pose[:3] - last[:3]) > 0.0:
                 break
-            if held > best and rests:
+            if held > best and rests and not moves:
                 if slides == np.inf:
                     between = best, min(held, _MOST_GRAVITIES * g)
                     slides = _slides_m_s2(body, touching, push, between, rolls and most is None)
@@ -116,10 +120,13 @@ def _followed(body: GroundedBody, azimuth_deg: float) -> tuple[float, float]:
         if tilted or np.linalg.norm(pose[:3] - start[:3]) > size_m:
             break
         # Elsewhere than at rest it goes on under the acceleration that moved it, to where that holds it again.
-        force = load + ((1.0 + _BEYOND) * (max(best, held) if rests else best) + _BEYOND * g) * push
+        held_m_s2 = max(best, min(held, _MOST_GRAVITIES * g)) if rests else best
+        force = load + ((1.0 + _BEYOND) * held_m_s2 + _BEYOND * g) * push
         turn = turn_under(touching["arm_m"], touching["normal"], size_m, force)
-        if turn is None:
+        if turn is None:  # nothing carries it on
+            best = max(best, held) if rests else best
             break
+        pivot_m = pose[:3] + turn.arm_m
         turned, way_m = _turned(body, pose, near, turn, way_m), next_m
         pose = _closed(body, turned, _near(sim, turned, way_m))
     return best, slides

@@ -171,13 +171,13 @@ def _call() -> None:
 def _os_error_message(error: OSError) -> str:
     """Message for an error of a disk, of permissions or of a limit, with a remedy."""
     note = "; ".join(["", *getattr(error, "__notes__", [])])
+    written = error.filename2 or error.filename  # a copy names its source first
     if error.errno in FULL:
-        written = error.filename2 or error.filename  # a copy names its source first
         of = f" of {_asked_for(written)}" if written else ""
         left = error.left if isinstance(error, FullDiskError) else room_left(written or ".")
         full = f"the disk{of} is full, with {left}"
         return f"{full}: make room{note or ', then give the same command again; what is stored stays'}"
-    where = f"{_asked_for(error.filename)}: " if error.filename else ""
+    where = f"{_asked_for(written)}: " if written else ""
     elsewhere = ": write to another place with --out" if error.errno == errno.EROFS else ""
     return f"{where}{error.strerror or error}{elsewhere}{note}"  # Arrow's errors have a message only
 

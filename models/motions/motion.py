@@ -98,19 +98,7 @@ class Motion:
         return at_sample[index] + since * (acceleration[index] + 0.5 * since * slope)
 
     def mean_between(self, time_s: ArrayLike) -> NDArray[np.float64]:
-        """Mean acceleration over each interval of an increasing sequence of times, m/s2.
-
-        Zero outside of the record. This is what a time-stepping engine must impose to carry the record's
-        whole momentum, at any ratio of its step to the record's.
-
-        Parameters
-        ----------
-        time_s : (k + 1,) array
-
-        Returns
-        -------
-        (k, 3) array
-        """
+        """Mean acceleration (k, 3) over each interval of k + 1 increasing times, m/s2; zero outside of the record."""
         time = np.asarray(time_s, float)
         return np.diff(self.velocity_at(time), axis=0) / np.diff(time)[:, None]
 

@@ -513,6 +513,7 @@ def test_a_rock_that_a_wall_catches_past_its_balance_has_lodged():
     assert math.degrees(math.asin(0.5 / 1.2)) - 0.1 < lodged.residual_tilt_deg < 45.0
     assert math.cos(math.radians(lodged.falls_toward_deg)) > 0.996  # within 5 degrees of x
     assert 0.0 < lodged.topple_time_s < 1.5
+    assert scene.tips_m_s2([180.0])[0][1] == pytest.approx(G * HALF_WIDTH_M / HALF_HEIGHT_M, rel=1e-3)
 
 
 def test_a_rock_that_a_wall_catches_before_its_balance_has_not_lodged():
@@ -520,6 +521,7 @@ def test_a_rock_that_a_wall_catches_before_its_balance_has_not_lodged():
     caught = shake(scene, pulse(-8.0, 0.3, after_s=6.0), "fast")
     assert caught.outcome in {"stands", "moved"}
     assert not caught.toppled
+    assert scene.tips_m_s2([180.0])[0][1] == math.inf
 
 
 def test_a_prism_that_rolls_over_to_its_next_side_has_toppled_and_not_lodged():

@@ -68,6 +68,7 @@ def test_wrong_usage_ends_with_code_2_and_names_the_option(words, tmp_path, monk
             MemoryError(), ImportError("/lib/_duckdb.so: failed to map segment from shared object"),
         )),
         (OSError(errno.ENOSPC, "full", "quakes/a.parquet", None, "run/a.parquet"), "disk of run/a"),
+        (OSError(errno.EFBIG, "too large", "syn/a.parquet", None, "run/a.parquet"), ": run/a.parquet: too large"),
         (
             OSError(errno.EROFS, "Read-only file system", "/runs/a/.report.html.17.tmp"),
             "toppling: /runs/a/report.html: Read-only file system: write to another place with --out",

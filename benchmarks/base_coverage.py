@@ -25,7 +25,7 @@ from scipy.spatial import ConvexHull
 from toppling import Campaign, Ensemble, InputError, Scene, fragility, run, scan
 from toppling.models.files.mesh_files import write_ply
 from toppling.models.frames import plane_axes
-from toppling.models.hidden_base.draws import BaseDraw, UnseenBase, least_feet
+from toppling.models.hidden_base.unseen_base import BaseDraw, UnseenBase, least_feet
 from toppling.models.motions.synthetic import synthetic_ensemble
 from toppling.models.pedestal import Pedestal
 from toppling.models.relief import contact_feet_m, height_below

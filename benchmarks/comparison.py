@@ -23,7 +23,7 @@ from scipy.stats import binomtest
 from toppling.models.errors import InputError
 from toppling.models.files.digest import read_table, write_table
 from toppling.models.motions.ensemble import Ensemble
-from toppling.models.motions.record import impose
+from toppling.models.motions.imposing import impose
 from toppling.models.scene import Scene
 from toppling.orchestrator.processes import assets, pool_of
 from toppling.results.analysis.lognormal import fit

@@ -19,7 +19,7 @@ from toppling.models.frames import (
     plane_normal,
     rotation_between,
 )
-from toppling.models.hidden_base.draws import least_feet
+from toppling.models.hidden_base.unseen_base import least_feet
 from toppling.models.pedestal import Pedestal
 from toppling.models.relief import contact_feet_m
 from toppling.models.rock import Rock

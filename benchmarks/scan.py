@@ -421,11 +421,11 @@ def bases(given: argparse.Namespace) -> None:
 
 def with_hints(result: Survey, true: Scene) -> dict[str, dict[str, float]]:
     """Coverage without hints and with each set of true ones; nothing of one that is refused."""
-    assert result.worked_out is not None
+    assert result.cached is not None
     rows = {"none": base_coverage(result.scene, true)}
     for hint, inspection in true_hints(true).items():
         try:
-            rows[hint] = base_coverage(result.worked_out.with_hints(inspection).scene()[0], true)
+            rows[hint] = base_coverage(result.cached.with_hints(inspection).scene()[0], true)
         except InputError as error:
             rows[hint] = {"refused": 1.0}
             print(hint, "refused:", error.what, flush=True)

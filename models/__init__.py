@@ -2,10 +2,10 @@
 
 __all__ = [
     "arrays",
+    "caching",
     "compiled",
     "errors",
     "frames",
-    "kept",
     "lengths",
     "matplotlib_alone",
     "openquake",

@@ -33,7 +33,7 @@ Vector = tuple[float, float, float]
 _SHIPPED_VARIABLE = "TOPPLING_COMPILED"
 """Names a folder of compiled code that an image brings along."""
 
-_COMPILED_ROOMS = tuple(Path(__file__).parent.parent / each for each in ("models/ground", "workers"))
+_COMPILED_ROOMS = tuple(Path(__file__).parent.parent / room for room in ("models/ground", "workers"))
 """Whose code is compiled: what changes in them makes all of it anew."""
 
 
@@ -77,7 +77,7 @@ def _take_shipped(folder: Path) -> None:
         return
     source = Path(shipped) / folder.name
     if (source / COMPLETE).exists() and all(
-        _only_writable_by(each, 0, os.getuid()) for each in (source.parent, source)
+        _only_writable_by(path, 0, os.getuid()) for path in (source.parent, source)
     ):
         ignored = shutil.ignore_patterns(COMPLETE, "lock")
         shutil.copytree(source, folder, ignore=ignored, copy_function=_copy_whole, dirs_exist_ok=True)
@@ -93,7 +93,7 @@ def _copy_whole(source: str, target: str) -> None:
 
 
 FOLDER = _private_folder(cache_folder())
-"""Where compiled code is kept, or None."""
+"""Folder of the compiled code, or None."""
 
 
 class _VerifiedFile(numba.core.caching.IndexDataCacheFile):
@@ -153,7 +153,7 @@ class _Cache(numba.core.caching.FunctionCache):
 
 
 _ENVIRONMENTS: dict[str, object] = {}
-"""Of inner functions, by their variable's name: what Numba's code prints with."""
+"""Inner functions with which Numba's code prints, by the name of their variable."""
 
 
 class _Library(numba.core.codegen.JITCodeLibrary):

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, cKDTree
 
 from toppling.models.arrays import Array
+from toppling.models.caching import cached
 from toppling.models.errors import InputError
 from toppling.models.frames import plane_axes
-from toppling.models.kept import kept
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 
@@ -37,7 +37,7 @@ _MANY_POINTS, _SLENDER, _HALVINGS = 256, 0.15, 10
 triangle) below which, a triangle is bisected; maximum number of bisections, because points at a sharp corner remain."""
 
 
-@kept
+@cached
 def contact_feet_m(rock: Rock, pedestal: Pedestal) -> Array:
     """Points of the rock that can touch the interface plane, with the pedestal's relief included in their heights.
 
@@ -105,8 +105,8 @@ def _edges_that_stand_out(vertices_m: Array, faces: NDArray[np.int64]) -> NDArra
     first = begins[joins_two]
     origin = vertices_m[start[order[first]]]
     along = vertices_m[end[order[first]]] - origin
-    one, other = (vertices_m[half[order[each], 2]] - origin for each in (first, first + 1))
-    normal = np.cross(along, one)
+    before, other = (vertices_m[half[order[place], 2]] - origin for place in (first, first + 1))
+    normal = np.cross(along, before)
     side, other_side = normal[:, 2], along[:, 0] * other[:, 1] - along[:, 1] * other[:, 0]
     size_m = float(np.linalg.norm(np.ptp(vertices_m, axis=0)))
     opposite = (side * other_side < 0) & (np.minimum(abs(side), abs(other_side)) >= _ROUNDING * size_m**2)
@@ -164,15 +164,15 @@ def _feet_where_they_cross(below: Array, above: Array) -> Array:
 
     If another layer lies between the two, the foot is above that layer's feet, and so never touches.
     """
-    along, over_way, offset = below[:, 1] - below[:, 0], above[:, 1] - above[:, 0], above[:, 0] - below[:, 0]
+    along, over_span, offset = below[:, 1] - below[:, 0], above[:, 1] - above[:, 0], above[:, 0] - below[:, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
-        across = along[:, 0] * over_way[:, 1] - along[:, 1] * over_way[:, 0]
-        here = (offset[:, 0] * over_way[:, 1] - offset[:, 1] * over_way[:, 0]) / across
+        across = along[:, 0] * over_span[:, 1] - along[:, 1] * over_span[:, 0]
+        here = (offset[:, 0] * over_span[:, 1] - offset[:, 1] * over_span[:, 0]) / across
         there = (offset[:, 0] * along[:, 1] - offset[:, 1] * along[:, 0]) / across
     met = (here >= 0) & (here <= 1) & (there >= 0) & (there <= 1)
     here, there = here[met, None], there[met]
     place = below[met, 0] + here * along[met]
-    return np.column_stack([place[:, :2], above[met, 0, 2] + there * over_way[met, 2] - place[:, 2]])
+    return np.column_stack([place[:, :2], above[met, 0, 2] + there * over_span[met, 2] - place[:, 2]])
 
 
 def height_below(places_m: Array, vertices_m: Array, faces: NDArray[np.int64], *, highest: bool) -> Array:
@@ -244,12 +244,12 @@ def _circles(triangles: Array, tree: cKDTree) -> tuple[NDArray[np.int64], Array,
         if not cut.any():
             break
         longest = np.linalg.norm(sides[cut], axis=2).argmax(axis=1)
-        one, other, third = (
+        first, other, third = (
             np.take_along_axis(triangles[cut], ((longest + k) % 3)[:, None, None], 1)[:, 0] for k in range(3)
         )
-        half = 0.5 * (one + other)
+        half = 0.5 * (first + other)
         triangles = np.concatenate(
-            [np.stack([one, half, third], axis=1), np.stack([half, other, third], axis=1)]
+            [np.stack([first, half, third], axis=1), np.stack([half, other, third], axis=1)]
         )
         owner = np.tile(owner[cut], 2)
     owners, middles, radii = zip(*done, strict=True)

@@ -42,7 +42,7 @@ class Rock:
     com_m: Array  # (3,): centre of mass, scene frame
     # (3, 3): inertia tensor over mass, about the centre of mass, scene axes.
     inertia_per_mass_m2: Array
-    # (k, 3): points that can touch the interface plane, scene frame, for a drawn base (`models.hidden_base.draws`);
+    # (k, 3): points that can touch the interface plane, scene frame, of drawn bases (`models.hidden_base.unseen_base`);
     # None where contact is between the meshes.
     feet_m: Array | None = None
 

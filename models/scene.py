@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from toppling.models.arrays import Array
+from toppling.models.caching import Described
 from toppling.models.errors import check_positive, refusals
 from toppling.models.files import digest
 from toppling.models.files.documents import finite, shown
@@ -22,8 +23,7 @@ from toppling.models.files.folder import instead, local, new_folder
 from toppling.models.files.mesh_files import MeshLike, read_triangles, remarks_of, triangles_of, write_ply
 from toppling.models.files.schemas import BASES, SCHEMA_VERSION, digests_of_scene, read_own
 from toppling.models.frames import STANDARD_GRAVITY_M_S2, azimuth_of, rotation_between
-from toppling.models.hidden_base.draws import UnseenBase
-from toppling.models.kept import Described
+from toppling.models.hidden_base.unseen_base import UnseenBase
 from toppling.models.lengths import check_remarks, metres_in, too_large
 from toppling.models.pedestal import ContactProperties, Pedestal
 from toppling.models.rock import Rock, check_size, check_triangles, nearby_origin_m
@@ -238,7 +238,7 @@ class Scene(Described):
         On a plane by :mod:`toppling.models.statics`, for a rounded base :mod:`toppling.models.rounded.base`, on a
         surface :mod:`toppling.models.tipping`, where a rock that does not stand by itself has zeros.
         """
-        azimuths = [azimuth_of(each) for each in ground_accelerates_toward_deg]
+        azimuths = [azimuth_of(azimuth) for azimuth in ground_accelerates_toward_deg]
         if not self.ground.is_plane:
             from toppling.models.tipping import limits_on_surface
 

@@ -24,7 +24,7 @@ class Settling:
 
     tilt_deg: float  # angle between the interface's normal before and after rotation with the rock
     toward_deg: float  # azimuth toward which it tilted
-    way_m: float  # displacement of the vertex that moved farthest
+    moved_m: float  # displacement of the vertex that moved farthest
     height_m: float  # of the rock in the scene
 
     @classmethod
@@ -36,7 +36,7 @@ class Settling:
         return cls(
             tilt_deg=float(np.rad2deg(2.0 * np.arcsin(min(0.5 * float(np.linalg.norm(leant)), 1.0)))),
             toward_deg=azimuth_deg(leant),
-            way_m=float(np.linalg.norm(settled.vertices_m - scanned.vertices_m, axis=1).max()),
+            moved_m=float(np.linalg.norm(settled.vertices_m - scanned.vertices_m, axis=1).max()),
             height_m=scanned.height_m,
         )
 
@@ -46,10 +46,10 @@ class Settling:
         if self.tilt_deg >= _REPORTED_FROM_DEG:
             return (
                 f"the rock settles by {self.tilt_deg:.1f}° toward azimuth {self.toward_deg:.0f}° "
-                f"({self.way_m:.2g} m at its farthest point) before it is shaken"
+                f"({self.moved_m:.2g} m at its farthest point) before it is shaken"
             )
-        if self.way_m >= _REPORTED_FROM_FRACTION * self.height_m:
-            return f"the rock settles by {self.way_m:.2g} m at its farthest point before it is shaken"
+        if self.moved_m >= _REPORTED_FROM_FRACTION * self.height_m:
+            return f"the rock settles by {self.moved_m:.2g} m at its farthest point before it is shaken"
         return None
 
     def to_json(self) -> dict[str, Any]:

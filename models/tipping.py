@@ -55,8 +55,8 @@ def limits_on_surface(body: GroundedBody, azimuths_deg: Iterable[float]) -> list
     """Statics of a rock by azimuth of the ground's acceleration; both 0 for one that falls by itself."""
     stands = body.rests_nearby
     return [
-        Limits(float(each), *(_followed(body, float(each)) if stands else (0.0, 0.0)))
-        for each in azimuths_deg
+        Limits(float(azimuth), *(_followed(body, float(azimuth)) if stands else (0.0, 0.0)))
+        for azimuth in azimuths_deg
     ]
 
 
@@ -70,13 +70,13 @@ def _followed(body: GroundedBody, azimuth_deg: float) -> tuple[float, float]:
     push = -horizontal_unit_vector(azimuth_deg) @ body.scene_from_support
     sim, start = body.clockless(body.resting_pose, 1.0), body.resting_pose
     best, held, gathered_j_kg, short, rolled = 0.0, 0.0, 0.0, 0, False
-    slides, way_m = np.inf, 0.25 * _STEP_SHARE * size_m
+    slides, travel_m = np.inf, 0.25 * _STEP_SHARE * size_m
     settles_m = load * (_PRESSED_SHARE * size_m / g)  # some contacts of a rock that was let down nearly touch
-    pose = _pressed(body, start, _near(sim, start, way_m), settles_m)
+    pose = _pressed(body, start, _near(sim, start, travel_m), settles_m)
     last = peak = prior = pose
     turn, pivot_m = None, pose[:3]
     for _ in range(_MOST_STEPS):
-        near = _near(sim, pose, way_m)
+        near = _near(sim, pose, travel_m)
         touching = near[near["gap_m"] < _TOUCHING_SHARE * size_m]
         rolls = len(touching) > 0 and touching["key"].min() >= FIRST_SMOOTH_KEY
         most = tips_m_s2(touching["arm_m"], touching["normal"], size_m, load, push)
@@ -90,12 +90,12 @@ def _followed(body: GroundedBody, azimuth_deg: float) -> tuple[float, float]:
             and last is peak
             and pose is not peak
             and held < best
-            and way_m > _LEAST_STEP_SHARE * size_m
+            and travel_m > _LEAST_STEP_SHARE * size_m
         ):
             # The largest lies between the pose before and this one: go back, and take shorter steps between them.
             pose = last = prior
-            near, short = _near(sim, pose, way_m), 8
-            way_m = next_m = 0.25 * way_m
+            near, short = _near(sim, pose, travel_m), 8
+            travel_m = next_m = 0.25 * travel_m
             touching = near[near["gap_m"] < _TOUCHING_SHARE * size_m]
         else:
             gathered_j_kg = max(gathered_j_kg + float((load + best * push) @ (pose[:3] - last[:3])), 0.0)
@@ -113,7 +113,7 @@ def _followed(body: GroundedBody, azimuth_deg: float) -> tuple[float, float]:
                     return np.inf, slides
                 best, gathered_j_kg, peak, prior, rolled = held, 0.0, pose, last, rolls
             last, short = pose, short - 1
-            next_m = way_m if short > 0 else _STEP_SHARE * size_m
+            next_m = travel_m if short > 0 else _STEP_SHARE * size_m
             if len(near) == MOST:  # beyond the farthest of them others may land
                 next_m = min(next_m, max(0.5 * float(near["gap_m"].max()), _LEAST_STEP_SHARE * size_m))
         tilted = abs(start[3:] @ pose[3:]) < _TIPPED_COSINE
@@ -127,15 +127,15 @@ def _followed(body: GroundedBody, azimuth_deg: float) -> tuple[float, float]:
             best = max(best, held) if rests else best
             break
         pivot_m = pose[:3] + turn.arm_m
-        turned, way_m = _turned(body, pose, near, turn, way_m), next_m
-        pose = _closed(body, turned, _near(sim, turned, way_m))
+        turned, travel_m = _turned(body, pose, near, turn, travel_m), next_m
+        pose = _closed(body, turned, _near(sim, turned, travel_m))
     return best, slides
 
 
-def _near(sim: Grounded, pose: Array, way_m: float) -> np.ndarray:
+def _near(sim: Grounded, pose: Array, travel_m: float) -> np.ndarray:
     """Contacts that a step of some length may reach."""
     bodies = sim.rock, sim.ground, sim.facets
-    return sim.trial[: contacts_at(bodies, pose, 2.0 * way_m, LEANING, sim.lists, sim.trial)].copy()
+    return sim.trial[: contacts_at(bodies, pose, 2.0 * travel_m, LEANING, sim.lists, sim.trial)].copy()
 
 
 def _balanced_m_s2(touching: np.ndarray, load: Array, push: Array) -> float:
@@ -163,9 +163,9 @@ def _slides_m_s2(
     return low if far is None else max(far, low)
 
 
-def _turned(body: GroundedBody, pose: Array, near: np.ndarray, turn: Turn, way_m: float) -> Array:
+def _turned(body: GroundedBody, pose: Array, near: np.ndarray, turn: Turn, travel_m: float) -> Array:
     """A pose turned by a step, or by less to where another contact carries."""
-    angle = way_m / body.size_m
+    angle = travel_m / body.size_m
     closing = -(crossed(turn.axis, near["arm_m"] - turn.arm_m) * near["normal"]).sum(axis=1)
     lands = (near["gap_m"] >= _TOUCHING_SHARE * body.size_m) & (near["key"] < FIRST_SMOOTH_KEY)
     lands &= closing * angle > near["gap_m"] + _PRESSED_SHARE * body.size_m
@@ -184,18 +184,16 @@ def _closed(body: GroundedBody, pose: Array, near: np.ndarray) -> Array:
         return pose
     nearest = near[near["gap_m"].argmin()]
     least_m = 0.0 if nearest["key"] < FIRST_SMOOTH_KEY else -_PRESSED_SHARE * body.size_m
-    way_m = np.clip(nearest["gap_m"], least_m, _PRESSED_SHARE * body.size_m)
+    travel_m = np.clip(nearest["gap_m"], least_m, _PRESSED_SHARE * body.size_m)
     normals = near["normal"][near["gap_m"] <= max(nearest["gap_m"], 0.0)].sum(axis=0)
-    return _pressed(body, pose, near, -way_m * normals / max(float(np.linalg.norm(normals)), 1e-9))
+    return _pressed(body, pose, near, -travel_m * normals / max(float(np.linalg.norm(normals)), 1e-9))
 
 
-def _pressed(body: GroundedBody, pose: Array, near: np.ndarray, way_m: Array) -> Array:
+def _pressed(body: GroundedBody, pose: Array, near: np.ndarray, travel_m: Array) -> Array:
     """A pose moved along a short way (3,), changed by the least that lets no contact be deep."""
     scale = np.repeat([1.0, math.sqrt(body.inertia_m2.mean())], 3)
-    columns, free = (
-        wrenches(near["arm_m"], near["normal"], 0.0) / scale[:, None],
-        np.append(way_m, np.zeros(3)),
-    )
+    columns = wrenches(near["arm_m"], near["normal"], 0.0) / scale[:, None]
+    free = np.append(travel_m, np.zeros(3))
     twist = (free + shortest(columns, -near["gap_m"] - free @ columns)) / scale
     return _placed(pose, twist[:3], twist[3:])
 

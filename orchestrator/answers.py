@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from toppling.models.arrays import Array, Flags
 from toppling.models.files.digest import read_table
-from toppling.models.hidden_base.draws import draw_of
+from toppling.models.hidden_base.unseen_base import draw_of
 from toppling.models.motions.measures import CATALOG, MEASURES, SCALING_POWER
 from toppling.models.pedestal import ContactProperties
 from toppling.orchestrator.plan import Plan, Rows

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from toppling.models.errors import InputError, did_you_mean
 from toppling.models.motions.ensemble import Ensemble
-from toppling.models.motions.record import check_step
+from toppling.models.motions.imposing import check_step
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import MOST_JOBS, Campaign, hash_of
 from toppling.orchestrator.recorded import Recorded, check_weighable, read_recorded

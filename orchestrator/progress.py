@@ -54,13 +54,13 @@ class Advance:
         """Progress in one line."""
         counted = f"{self.done:,.10g}" if self.done else ""  # indivisible work has no count
         of = counted if self.total is None else f"{self.done:,.10g} of {self.total:,.10g}"
-        told = [
+        shown = [
             f"{self.what}: {of}" if of else self.what,
             self.doing,
             duration(time.monotonic() - self.began),
             self.left,
         ]
-        return "  ".join(filter(None, told))
+        return "  ".join(filter(None, shown))
 
 
 @contextmanager
@@ -97,7 +97,7 @@ def bar(
             )
             yield advance
         return
-    ended, told = threading.Event(), [what]
+    ended, named = threading.Event(), [what]
 
     def speak() -> None:
         console.print(plain_text(advance.line), soft_wrap=True, markup=False, highlight=False)
@@ -109,8 +109,8 @@ def bar(
             speak()
 
     def show(state: Advance) -> None:
-        if state.what != told[-1]:
-            told.append(state.what)
+        if state.what != named[-1]:
+            named.append(state.what)
             speak()
 
     advance.show = show

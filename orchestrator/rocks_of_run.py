@@ -165,7 +165,7 @@ class Settled:
     def is_large(self) -> bool:
         """Whether the settling exceeds the interface's error, so that it should be inspected."""
         found = self.settling
-        return found.tilt_deg >= _LARGE_FROM_DEG or found.way_m >= _LARGE_FROM_FRACTION * found.height_m
+        return found.tilt_deg >= _LARGE_FROM_DEG or found.moved_m >= _LARGE_FROM_FRACTION * found.height_m
 
     @property
     def sentences(self) -> list[str]:

@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from toppling.models.caching import Described
 from toppling.models.errors import InputError
 from toppling.models.files.digest import read_json, read_table
 from toppling.models.files.documents import read_toml
 from toppling.models.files.folder import instead, rock_name
 from toppling.models.files.schemas import BASES, check_run_document, read_scene_document
 from toppling.models.files.stores import at_hand
-from toppling.models.kept import Described
 from toppling.models.motions.measures import CATALOG, meaning
 from toppling.results.run_integrity import SCENES, SITES_FILE, check_audits, check_files
 from toppling.results.schema import SCHEMA, describe, described_table

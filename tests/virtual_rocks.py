@@ -10,7 +10,7 @@ import trimesh
 
 from toppling.models.arrays import Array
 from toppling.models.frames import horizontal_unit_vector
-from toppling.models.hidden_base import from_scan
+from toppling.models.hidden_base import draw_bases
 from toppling.models.rock import Rock
 from toppling.models.scan import virtual
 
@@ -20,7 +20,7 @@ def drawing_few():
     """A hidden base is drawn 12 times: for laws that hold of however many draws."""
     with pytest.MonkeyPatch.context() as patched:
         for name, number in (("DRAWS", 12), ("CANDIDATES", 12), ("ENOUGH", 4.0)):
-            patched.setattr(from_scan, name, number)
+            patched.setattr(draw_bases, name, number)
         yield
 
 

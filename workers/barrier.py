@@ -6,14 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from toppling.models.caching import cached
 from toppling.models.compiled import Array
 from toppling.models.ground.points import ContactModel, contact_of
-from toppling.models.kept import kept
 from toppling.models.scene import Scene
 from toppling.models.statics import TOPPLED_TILT_DEG
 
 _AXES_STEP_DEG = 2.0
-"""Between axes of tilt. Between them the centre of mass is taken as lower by up to 1.5e-4 of its lever arm."""
+"""Angle between axes of tilt; between them the centre of mass is up to 1.5e-4 of its lever arm too low."""
 
 _YAWS = 72
 """About the normal, for which the least energy is known: a slope has another side of the rock downhill in each."""
@@ -37,7 +37,7 @@ def least_overturning_j_kg(scene: Scene, tilt_deg: float = 0.0, yaw_deg: float |
     return float(by_tilt[min(int(np.ceil(tilt_deg)), len(by_tilt) - 1) :].max())
 
 
-@kept
+@cached
 def lying_arms_m(contact: ContactModel) -> Array:
     """From each contact point (n, 3) to the centre of mass as the rock stood at the start, support frame.
 
@@ -50,13 +50,13 @@ def _arms_m(contact: ContactModel) -> Array:
     return -contact.points_body_m @ contact.support_from_body.T
 
 
-@kept
+@cached
 def _least_by_yaw_j_kg(scene: Scene) -> Array:
     """Least potential energy per mass (yaws, tilts) at each whole degree of tilt; on the level one yaw is all."""
     rises_m, up = _rises_m(contact_of(scene)), contact_of(scene).scene_from_support[2]
     yaws_rad = np.arange(0.0, 2.0 * np.pi, 2.0 * np.pi / _YAWS) if up[2] < 1.0 else np.zeros(1)
     ups = Rotation.from_euler("z", -yaws_rad[:, None]).apply(up)
-    return np.array([scene.gravity_m_s2 * (rises_m @ one).min(axis=1) for one in ups])
+    return np.array([scene.gravity_m_s2 * (rises_m @ axis).min(axis=1) for axis in ups])
 
 
 def _rises_m(contact: ContactModel) -> Array:
@@ -86,9 +86,8 @@ def _rises_m(contact: ContactModel) -> Array:
         below = heights[after, other] - heights[after, point]
         share = (above / np.maximum(above + below, 1e-300))[:, None]
         both = [
-            (1.0 - share) * rises_m(turned, one)
-            + share * rises_m(turned[after], one)  # with both points down
-            for one in (point, other)
+            (1.0 - share) * rises_m(turned, up) + share * rises_m(turned[after], up)  # with both points down
+            for up in (point, other)
         ]
         by_tilt.append(np.vstack([rises_m(turned, point), *both]))
     return np.array(by_tilt)

@@ -53,7 +53,7 @@ def _is_compiled() -> bool:
 
 
 def compile_apart() -> None:
-    """As :func:`toppling.workers.shaking.compile_once`, in a process of its own: what compiling takes is given back."""
+    """Compile the inner loop in a separate process, whose memory is freed at its end."""
     if not _is_compiled() and FOLDER is not None:
         program = "from toppling.workers.shaking import compile_once; compile_once()"
         # Ctrl-C is for this process, which ends the other one.

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from toppling.models.caching import cached
 from toppling.models.errors import InputError
 from toppling.models.frames import compass_deg
-from toppling.models.kept import kept
 from toppling.models.motions.ensemble import Ensemble
-from toppling.models.motions.record import Imposed, impose
+from toppling.models.motions.imposing import Imposed, impose
 from toppling.models.pedestal import FRICTION_SPREAD, ContactProperties
 from toppling.models.scene import COM_SPREAD_SHARE, Scene
 from toppling.workers.engines import DEFAULT
@@ -138,7 +138,7 @@ def prepared(spec: JobSpec, assets: Assets) -> tuple[Scene, Imposed]:
     return _realised(assets.scene, contact, unmeasured, spec.realisation), imposed
 
 
-@kept
+@cached
 def _realised(scene: Scene, contact: ContactProperties, unmeasured: Unmeasured, realisation: int) -> Scene:
     """The scene with the job's contact properties, and with what the realisation draws."""
     drawn = drawn_contact(scene.id, contact, unmeasured, realisation)

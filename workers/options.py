@@ -70,7 +70,7 @@ class NumericalOptions:
         return min(self.step_share * math.sqrt(half_diagonal_m / gravity_m_s2), self.longest_step_s)
 
     def with_step(self, step_share: float) -> NumericalOptions:
-        """The same options with another time step over sqrt(R / g)."""
+        """These options with another time step over sqrt(R / g)."""
         return replace(self, step_share=step_share)
 
 

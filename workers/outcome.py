@@ -22,13 +22,13 @@ _STATUS = {
     "left_ground": "failed",
     "contacts_disagree": "failed",
 }
-"""Of the rules after which there is no answer."""
+"""Status by the rule that ended a shake without an answer."""
 
 _LEVEL_SHARE = 1e-8
-"""Of R: heights of the centre of mass that differ by less are those of a rock at rest."""
+"""Tolerance over R on the height of the centre of mass of a rock at rest."""
 
 _NEGLIGIBLE_WAY_SHARE = 1e-3
-"""Of R: the centre of mass comes to its balance over a point on a way that is longer by far."""
+"""Displacement over R of the centre of mass below which a rock has not reached its balance over a point."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,8 +157,8 @@ def _fell_toward_deg(contact: ContactModel, com_m: Array, turning: int) -> float
     A rock that starts past its balance has not moved by then but for rounding: it falls toward where it ends.
     """
     moved_m = (com_m - com_m[0]) @ contact.scene_from_support.T
-    way_m = float(np.hypot(*moved_m[turning, :2]))
-    seen = turning if way_m > _NEGLIGIBLE_WAY_SHARE * contact.half_diagonal_m else -1
+    path_m = float(np.hypot(*moved_m[turning, :2]))
+    seen = turning if path_m > _NEGLIGIBLE_WAY_SHARE * contact.half_diagonal_m else -1
     return azimuth_deg(moved_m[seen])
 
 

@@ -10,11 +10,11 @@ import numpy as np
 from scipy import fft
 from scipy.spatial import ConvexHull
 
+from toppling.models.caching import cached
 from toppling.models.compiled import Flags
 from toppling.models.errors import InputError
 from toppling.models.ground.body import GROUND_REACH, RESTING_SHARE
 from toppling.models.ground.points import ContactModel, contact_of
-from toppling.models.kept import kept
 from toppling.models.motions.motion import Motion
 from toppling.models.relief import height_below
 from toppling.models.scene import Scene
@@ -103,8 +103,8 @@ class Problem:
         it.
         """
         contact = self.contact
-        gone_m = math.hypot(pose[0] - contact.com_m[0], pose[1] - contact.com_m[1])
-        if gone_m > GROUND_REACH * contact.half_diagonal_m - self.farthest_m:
+        moved_m = math.hypot(pose[0] - contact.com_m[0], pose[1] - contact.com_m[1])
+        if moved_m > GROUND_REACH * contact.half_diagonal_m - self.farthest_m:
             return True
         com = (contact.scene_from_support @ pose[:3] + contact.origin_m)[:2]
         lines, is_near = _ends_of_pedestal(self.scene)
@@ -155,7 +155,7 @@ class Problem:
         return 0.0
 
     def _is_weak(self, acceleration_m_s2: Array) -> Flags:
-        """Of samples (n, 3) of the motion those (n,) that are weak."""
+        """Whether samples (n, 3) of the motion are weak (n,)."""
         scene = self.scene
         stronger = acceleration_m_s2 / self.options.termination.weak_share
         downward = scene.gravity_m_s2 + stronger[:, 2]
@@ -165,7 +165,7 @@ class Problem:
         return np.asarray(holds & grips)
 
 
-@kept
+@cached
 def _ends_of_pedestal(scene: Scene) -> tuple[Array, Flags]:
     """Lines (n, 3) in plan where a pedestal's mesh ends, a x + b y + c > 0 beyond, and which are near the rock."""
     assert scene.pedestal.vertices_m is not None  # an endless plane ends nowhere
@@ -174,7 +174,7 @@ def _ends_of_pedestal(scene: Scene) -> tuple[Array, Flags]:
     return lines, room_m < _END_WITHIN_HEIGHTS * scene.rock.height_m
 
 
-@kept
+@cached
 def _tipping_ratio(scene: Scene) -> float:
     """Least constant horizontal acceleration that topples the rock, over gravity."""
     azimuths = np.arange(0.0, 360.0, _AZIMUTH_STEP_DEG).tolist()
@@ -189,7 +189,7 @@ _FAST_HZ = (15.0, 50.0)
 """Steps follow motions faster than the first, and none faster than the second."""
 
 _FAST_SHARE = 0.25
-"""Of a motion's energy: so much lies above its highest energetic frequency."""
+"""Share of a motion's energy above its highest energetic frequency."""
 
 _STEPS_PER_PERIOD = 12.0
 """Forces are averaged over a step: with n of them in a period, slip is short by some 300 / n^2 per cent."""

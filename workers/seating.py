@@ -6,9 +6,9 @@ import dataclasses
 
 import numpy as np
 
+from toppling.models.caching import cached
 from toppling.models.errors import InputError
 from toppling.models.ground.points import contact_of
-from toppling.models.kept import kept
 from toppling.models.scene import Scene
 from toppling.models.statics import (
     CONTACT_SHARE_OF_HEIGHT,
@@ -23,10 +23,10 @@ from toppling.workers.termination import friction_that_stops
 _PASSES = 3
 
 _RESTING_SHARE = 1e-5
-"""Of R: a rock whose lowest point is so near its plane is on it."""
+"""Gap over R of the lowest point below which a rock is on its plane."""
 
 
-@kept
+@cached
 def settled(scene: Scene) -> Scene:
     """The scene with its rock at rest: as it is where statics holds it, else let down without gathering speed.
 
@@ -60,9 +60,9 @@ def settled(scene: Scene) -> Scene:
         seated = _let_down(seated)
     if scene.contact.friction_static < least:
         raise _falls(scene, f"it slides, as its friction is less than tan(slope), {least:.3f}")
-    way_m = float(np.linalg.norm(seated.rock.com_m - scene.rock.com_m))
-    if way_m > 0.1 * scene.rock.height_m:
-        raise _falls(scene, f"its centre of mass moves by {way_m:.3g} m")
+    moved_m = float(np.linalg.norm(seated.rock.com_m - scene.rock.com_m))
+    if moved_m > 0.1 * scene.rock.height_m:
+        raise _falls(scene, f"its centre of mass moves by {moved_m:.3g} m")
     return seated
 
 

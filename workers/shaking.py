@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
+from toppling.models.caching import cached
 from toppling.models.compiled import Array
 from toppling.models.errors import InputError
 from toppling.models.ground.contacts import CONTACT, MOST
@@ -30,7 +31,6 @@ from toppling.models.ground.points import LARGEST_OPEN_TILT_DEG, contact_of
 from toppling.models.ground.rigid import excitation
 from toppling.models.ground.rolling import NO_ROLLING, RollingSurface, rolling_surface
 from toppling.models.ground.stepping import Grounded, work_room
-from toppling.models.kept import kept
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.models.shapes import box
@@ -52,7 +52,7 @@ _STEEP = 0.5
 """Upward part of a contact's normal: less, and what is touched stands beside the rock, not below it."""
 
 _LOOKS_AFTER = 10.0
-"""Of sqrt(R / g): between two looks at the energy of a rock that is off its plane."""
+"""Time over sqrt(R / g) between two checks of the energy of a rock that is off its plane."""
 
 _ROOM = 4096
 """Poses that the trajectory's arrays have room for at first."""
@@ -266,7 +266,7 @@ class Shaking:
         )
 
 
-@kept
+@cached
 def _plane_points(scene: Scene) -> PlanePoints:
     """What touches the interface plane, as long as the ground is that plane where the rock is."""
     if not scene.ground.is_plane:

@@ -10,34 +10,34 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.transform import Rotation
 
+from toppling.models.caching import cached
 from toppling.models.compiled import Array
 from toppling.models.errors import InputError
 from toppling.models.ground.body import GroundedBody
 from toppling.models.ground.creeping import settle
 from toppling.models.ground.equilibrium import are_held, wrenches
-from toppling.models.kept import kept
 from toppling.workers import quaternion as quat
 
 TOUCHING_SHARE = 1e-3
-"""Of R: contacts of a rock that has come to rest are so near; one that creeps to rest ends with less than touching."""
+"""Gap over R of the contacts that carry a rock at rest; one that creeps to rest ends with smaller gaps."""
 
 _SURE_SHARE = 0.9
-"""Of friction: with as much a rock is held that certainly rests."""
+"""Share of the friction that must suffice to hold a rock which certainly rests."""
 
 _MANY_CONTACTS = 24
-"""With more, as on a finely meshed dome, a programme over all costs more than the steps."""
+"""Number of contacts beyond which a programme over all of them costs more than the steps, as on a fine dome."""
 
 _SETTLING_STEPS, _SETTLING_ROUNDS = 100, 3
-"""In which a rock that is let down from its present pose must come to stand."""
+"""Number of steps and of rounds in which a rock that is let down from its present pose must come to stand."""
 
 _SETTLING_STEP = 0.05
-"""Over sqrt(R / g), of a rock that is let down."""
+"""Time step over sqrt(R / g) with which a rock is let down."""
 
 _UNMOVED_SHARE = 0.02
-"""Of R: way of a rock that has hardly moved."""
+"""Displacement over R of a rock that has hardly moved."""
 
 _WAYS, _TILT_STEP_DEG, _FARTHEST_DEG = 8, 2.0, 40.0
-"""In which a rock is tipped to find the least energy that overturns it, and by how much at a time, and at most."""
+"""Number of directions, step and largest angle with which a rock is tipped to find the least energy to overturn it."""
 
 
 def holds(
@@ -59,7 +59,7 @@ def holds(
 
 
 def _outermost_contacts(near: np.ndarray) -> np.ndarray:
-    """Of many contacts the outermost in some directions: what these hold, all hold."""
+    """Select the outermost contacts in some directions: loads that these hold are held by all."""
     if len(near) <= _MANY_CONTACTS:
         return near
     angle = 2.0 * np.pi * np.arange(_MANY_CONTACTS) / _MANY_CONTACTS
@@ -68,7 +68,7 @@ def _outermost_contacts(near: np.ndarray) -> np.ndarray:
 
 
 def _outermost(loads_m_s2: Array) -> Array:
-    """Of loads with a downward part those of which all others are mixtures, but for their size."""
+    """Select the extreme loads, of which all other loads with a downward part are convex mixtures up to scale."""
     leaning = loads_m_s2[:, :2] / -loads_m_s2[:, 2:]
     try:
         return np.asarray(loads_m_s2[ConvexHull(leaning).vertices])
@@ -114,25 +114,25 @@ def least_overturning_j_kg(body: GroundedBody, rest: Array, enough_j_kg: float =
     return _least_j_kg(body, rest, enough_j_kg)
 
 
-@kept
+@cached
 def _least_where_it_stood_j_kg(body: GroundedBody) -> float:
     return _least_j_kg(body, body.resting_pose, math.inf)
 
 
 def _least_j_kg(body: GroundedBody, rest: Array, enough_j_kg: float) -> float:
-    """Of the directions the one whose height is least goes on: the first that sinks needs the least energy."""
+    """Advance the direction whose height is least: the first in which the rock sinks needs the least energy."""
     east, north, up = body.scene_from_support
     start_m = float(rest[:3] @ up)
-    outward = [math.cos(way) * east + math.sin(way) * north for way in 2.0 * np.pi * np.arange(_WAYS) / _WAYS]
-    ways = [_heights_m(body, rest, each) for each in outward]
-    waiting = [(start_m, way) for way in range(_WAYS)]
+    outward = [math.cos(rad) * east + math.sin(rad) * north for rad in 2.0 * np.pi * np.arange(_WAYS) / _WAYS]
+    ways = [_heights_m(body, rest, direction) for direction in outward]
+    waiting = [(start_m, sector) for sector in range(_WAYS)]
     while True:
-        highest_m, way = waiting[0]
+        highest_m, sector = waiting[0]
         so_far_j_kg = body.gravity_m_s2 * max(highest_m - start_m, 0.0)
-        height_m = next(ways[way], -math.inf) if so_far_j_kg <= enough_j_kg else -math.inf
+        height_m = next(ways[sector], -math.inf) if so_far_j_kg <= enough_j_kg else -math.inf
         if height_m < highest_m:
             return so_far_j_kg
-        heapreplace(waiting, (height_m, way))
+        heapreplace(waiting, (height_m, sector))
 
 
 def _heights_m(body: GroundedBody, rest: Array, outward: Array) -> Iterator[float]:

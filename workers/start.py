@@ -20,7 +20,7 @@ _SUNK_SHARE = 1e-4
 _STATE_SIZES = {"position_m": 3, "quaternion_xyzw": 4, "velocity_m_s": 3, "angular_velocity_rad_s": 3}
 
 _DEEPEST_START_SHARE = 0.1
-"""Of R: no one means a start that is deeper."""
+"""Maximum penetration over R of a start that a caller gives."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -87,8 +87,8 @@ def _only_rolls(sim: Grounded) -> bool:
 def _has_stood(sim: Grounded, since: int) -> bool:
     """Whether the rock has not moved since a pose, but by rounding."""
     last = sim.counts[1]
-    way_m = travel_m(sim.pose[since], sim.pose[last], sim.size_m)
-    return way_m <= STILL * sim.size_m and is_still(sim, sim.velocity[last])
+    path_m = travel_m(sim.pose[since], sim.pose[last], sim.size_m)
+    return path_m <= STILL * sim.size_m and is_still(sim, sim.velocity[last])
 
 
 @inner

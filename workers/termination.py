@@ -35,7 +35,7 @@ class Body(NamedTuple):
 
     @classmethod
     def of(cls, problem: Problem) -> Body:
-        """Of a problem."""
+        """Make the body of a problem."""
         contact, (start_pose, _) = problem.contact, problem.initial
         if problem.scene.ground.is_plane:
             gaps = contact.gaps_m(start_pose)
@@ -62,13 +62,13 @@ class Observation(NamedTuple):
     fastest_m_s: float
     """Largest speed of the centre of mass in the block; NaN where a state is not finite."""
     largest_tilt_deg: float
-    """In the block."""
+    """Largest tilt in the block."""
     drift_m_s: float
     """Mean speed, over the block, of the point that moved most."""
     speed_m_s: float
-    """Of the fastest point."""
+    """Speed of the fastest point."""
     sliding_m_s: float
-    """Along the ground, of the fastest contact that carries; infinite where none does."""
+    """Speed along the ground of the fastest contact that carries; infinite where none does."""
     energy_j_kg: float
     """Kinetic energy, and potential energy above that of the rock lying where it is on its plane, per mass."""
     tilt_deg: float
@@ -148,8 +148,8 @@ def _sliding_m_s(sim: Grounded, velocity: Array) -> float:
 @compiled
 def travel_m(start: Array, end: Array, radius_m: float) -> float:
     """Way from pose to pose (7,) of the point that moved most of those within a radius, at most."""
-    way = (end[0] - start[0], end[1] - start[1], end[2] - start[2])
-    return _size(way) + _size(rotation_between(start, end)) * radius_m
+    shift = (end[0] - start[0], end[1] - start[1], end[2] - start[2])
+    return _size(shift) + _size(rotation_between(start, end)) * radius_m
 
 
 @inner
@@ -304,12 +304,12 @@ def _calms_down(seen: Seen) -> bool:
     ):
         return False
     near = now.tilt_deg < options.weak_tilt_deg and abs(now.yaw_deg) < options.weak_yaw_deg
-    told = problem.rolls or (near and is_displaced(now, problem))
-    return told and _has_little_energy(seen, options.calm_share)
+    decided = problem.rolls or (near and is_displaced(now, problem))
+    return decided and _has_little_energy(seen, options.calm_share)
 
 
 Rules = tuple[tuple[str, Rule], ...]
-"""By what they are called in a result."""
+"""Rules by their names in a result."""
 
 FALLS: Rules = (("fallen", _fallen), ("tilted", _tilted))
 """After these the rock has toppled whatever its pose."""
@@ -327,7 +327,7 @@ RULES: Rules = (
     ("time_cap", _time_is_up),
     ("rest_certain", _calms_down),
 )
-"""In the order in which they are asked."""
+"""Rules in the order in which they are asked."""
 
 
 def first_met(seen: Seen) -> str | None:

@@ -9,7 +9,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from toppling.models.motions.record import Record, motion_sha, with_motion_above
+from toppling.models.motions.imposing import with_motion_above
+from toppling.models.motions.record import Record, motion_sha
 from toppling.models.pedestal import ContactProperties
 
 

@@ -28,7 +28,7 @@ KEY = "digest"
 
 _MARK = "toppling-sha256:"
 BLANK = f"{_MARK}{'0' * 64}"
-"""What a writer puts where the digest will be."""
+"""Placeholder that a writer puts where the digest will be."""
 
 _HEAD_BYTES, _TAIL_BYTES, _CHUNK_BYTES = 4_096, 65_536, 1 << 20
 _LFS = b"version https://git-lfs"

@@ -68,7 +68,7 @@ def _spelled(path: Path) -> Path:
 
 
 _KINDS = {"scene.json": "a scene", "catalog.parquet": "an ensemble", "run.json": "a run"}
-"""What a folder is that holds a file."""
+"""Kinds of folders by a file that they hold."""
 
 
 def instead(path: Path) -> str:

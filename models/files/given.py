@@ -116,7 +116,7 @@ Each run is looked at once: binary files have long ones."""
 _FILLED_UP = b"\0\x1a \t\r\n"
 _TEXT_LINE_END = re.compile(r"\r*\n|\r")
 _NO_LINE_ENDS = str.maketrans(dict.fromkeys("\x0b\x0c\x1c\x1d\x1e\x85\u2028\u2029", " "))
-"""Where Python splits lines and no file of numbers does: form feeds of listings, bytes of other encodings."""
+"""Characters at which Python splits lines and files of numbers do not: form feeds, bytes of other encodings."""
 _AS_ASCII = str.maketrans({"\u2212": "-", "\u00a0": " "})
 """A minus and a blank of word processors."""
 _UTF_16 = (b"\xff\xfe", b"\xfe\xff")

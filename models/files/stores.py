@@ -445,7 +445,7 @@ class Copy:
         self._store = Store(self.address)
         self._claim = Claim(self._store)
         with contextlib.suppress(OSError, InputError, TypeError, ValueError):
-            known = read_json(self._beside("json"))
+            known = read_json(self._companion("json"))
             self._known = {name: (list(here), list(there)) for name, (here, there) in known.items()}
 
     def pull(self) -> None:
@@ -455,7 +455,7 @@ class Copy:
 
         Raises InputError if the store does not answer, or holds what is no file of a folder.
         """
-        with self._alone, self._told():
+        with self._alone, self._errors_named():
             if self._is_written_here():
                 return
             there = {name: stamp for name, stamp in self._store.objects().items() if not _is_hidden(name)}
@@ -478,7 +478,7 @@ class Copy:
         Raises InputError if the store does not answer, holds less of an object than was sent, or another process
         has claimed the folder.
         """
-        with self._alone, self._told():
+        with self._alone, self._errors_named():
             self._claim.check()
             try:
                 for name in sorted(self._changed(), key=lambda name: (name == "run.json", name)):
@@ -499,21 +499,21 @@ class Copy:
                 self._note()
 
     @contextlib.contextmanager
-    def kept_up(self, *, take_over: bool = False) -> Iterator[Callable[[], None]]:
+    def written_by_one(self, *, take_over: bool = False) -> Iterator[Callable[[], None]]:
         """Write as the only one: bring what others wrote, carry over what is written meanwhile, and all at the end.
 
         take_over: although another process, which is dead, has claimed the folder.
 
         Yields callable: raises InputError once another process has taken the folder over.
         """
-        with self._told():
+        with self._errors_named():
             self._claim.take(over=take_over)
             for name in self._store.objects():
                 if PurePosixPath(name).match(".*.tmp"):  # of a writer that was killed
                     self._store.remove(name)
         try:
             self.pull()
-            with self._written_here(), self._carried():
+            with self._written_here(), self._uploads():
                 yield self._check
         finally:
             self._claim.release()
@@ -523,7 +523,7 @@ class Copy:
 
         Raises InputError if the store does not answer.
         """
-        with self._told():
+        with self._errors_named():
             return self._store.holds("run.json")
 
     def writer(self) -> str:
@@ -531,7 +531,7 @@ class Copy:
 
         Raises InputError if the store does not answer.
         """
-        with self._told():
+        with self._errors_named():
             return self._claim.writer()
 
     def carry_back(self) -> None:
@@ -547,7 +547,7 @@ class Copy:
             raise self._claim.loss
 
     @contextlib.contextmanager
-    def _carried(self) -> Iterator[None]:
+    def _uploads(self) -> Iterator[None]:
         over = threading.Event()
 
         def keep_up() -> None:
@@ -593,13 +593,13 @@ class Copy:
     @contextlib.contextmanager
     def _written_here(self) -> Iterator[None]:
         """Let other processes of this machine see that this one writes to the copy."""
-        with self._beside("lock").open("a") as lock:
+        with self._companion("lock").open("a") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
             yield
 
     def _is_written_here(self) -> bool:
         try:
-            with self._beside("lock").open() as lock:
+            with self._companion("lock").open() as lock:
                 fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
         except BlockingIOError:
             return True
@@ -608,7 +608,7 @@ class Copy:
         return False
 
     @contextlib.contextmanager
-    def _told(self) -> Iterator[None]:
+    def _errors_named(self) -> Iterator[None]:
         try:
             yield
         except InputError:
@@ -622,9 +622,9 @@ class Copy:
             raise no_answer(self.address, error) from None
 
     def _note(self) -> None:
-        write_json(self._beside("json"), self._known)
+        write_json(self._companion("json"), self._known)
 
-    def _beside(self, ending: str) -> Path:
+    def _companion(self, ending: str) -> Path:
         return self.path.with_name(f"{self.path.name}.{ending}")
 
 
@@ -666,9 +666,9 @@ def named(path: Path) -> str:
     return next((address for address, copy in _COPIES.items() if copy.path == path), str(path))
 
 
-def kept_up(path: Path, *, take_over: bool = False) -> AbstractContextManager[Callable[[], None]]:
-    """Context of :meth:`Copy.kept_up` for a copy of a folder in a store; of nothing for other folders."""
-    copies = (copy.kept_up(take_over=take_over) for copy in _COPIES.values() if copy.path == path)
+def written_by_one(path: Path, *, take_over: bool = False) -> AbstractContextManager[Callable[[], None]]:
+    """Context of :meth:`Copy.written_by_one` for a copy of a folder in a store; of nothing for other folders."""
+    copies = (copy.written_by_one(take_over=take_over) for copy in _COPIES.values() if copy.path == path)
     return next(copies, contextlib.nullcontext(lambda: None))
 
 

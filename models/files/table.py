@@ -13,7 +13,7 @@ from toppling.models.files.folder import new_file
 from toppling.models.files.given import LARGEST_TABLE_BYTES, Refuse, TextFile, bytes_given, text_of
 
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
-"""With which a cell begins that a spreadsheet calculates, or that hides one that does."""
+"""Characters with which a cell begins that a spreadsheet calculates, or that hides one that does."""
 
 
 def is_numeral(text: str) -> bool:

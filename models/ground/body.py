@@ -11,6 +11,7 @@ import numpy as np
 import trimesh
 from scipy.spatial.transform import Rotation
 
+from toppling.models.caching import cached
 from toppling.models.compiled import Array, Flags
 from toppling.models.errors import InputError
 from toppling.models.frames import plane_axes
@@ -29,7 +30,6 @@ from toppling.models.ground.pairs import Lists, empty_lists
 from toppling.models.ground.plane import NO_POINTS
 from toppling.models.ground.rolling import NO_ROLLING, rolling_surface
 from toppling.models.ground.stepping import Grounded, contacts_at, work_room
-from toppling.models.kept import kept
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.rounded.base import patches_of, smooth_mesh_of
@@ -39,36 +39,36 @@ GROUND_REACH = 4.0
 """Ground within this many R of the rock is looked at."""
 
 _OFTEN = 1.3
-"""Of the rock's extent from its centre of mass: ground in that box is looked at most of the time."""
+"""Factor on the rock's extent from its centre of mass that gives the box in which ground is usually looked up."""
 
 FOUND_WITHIN = 0.1
-"""Of R: within it features are found."""
+"""Distance over R within which features are found."""
 
 RESTING_SHARE = 1e-4
-"""Of R: contacts so near a rock at rest may carry it."""
+"""Gap over R up to which a contact may carry a rock at rest."""
 
 _ALMOST_SHARE = 0.01
-"""Of R: a rock that is shifted to where it touches is looked for so near, and farther by twice its latest shift."""
+"""Search distance over R for the contacts of a shifted rock, to which twice its latest shift is added."""
 
 _FOOT = 0.2
-"""Of the rock's extent upward: contacts below are its foot."""
+"""Share of the rock's height below which contacts are those of its base."""
 
 _SETTLING_STEP = 0.05
-"""Over sqrt(R / g), of a rock that is let down."""
+"""Time step over sqrt(R / g) with which a rock is let down."""
 
 _ROLLING_STEPS = (0.3, 100), (1.0, 1000)
-"""The same of one that rolls to rest, and how many: the longer, the less way is left."""
+"""Time steps over sqrt(R / g), and their number, with which a rock rolls to rest: the longer, the less is left."""
 
 _NO_SLOPE = 1e-8
-"""Of R: way of such a step of a rock that has rolled to rest."""
+"""Displacement over R in such a step below which a rolled rock is at rest."""
 
 _ROLLS, _ROLLED_DEG = 8, 0.5
-"""Directions, and the angle by which a rounded base may roll until it stands."""
+"""Number of directions, and the angle, in which a rounded base may roll until the rock stands."""
 
 _FARTHEST_SETTLING = 0.1
-"""Of the rock's height: a centre of mass that comes to rest farther from where the scene has it has fallen.
+"""Displacement of the centre of mass over the rock's height beyond which a settled rock has fallen.
 
-One that rolls has as far to go as its base turns.
+That of a rock that rolls is larger by the rotation of its base.
 """
 
 
@@ -136,18 +136,18 @@ class GroundedBody:
     def near_contacts(self, pose: Array, within_m: float) -> np.ndarray:
         """Contacts with gaps up to some way, and those of a rounded base that has rolled a little in any direction."""
         near = self.contacts(pose, within_m)
-        smooth = {int(one["key"]): one for one in near if one["key"] >= FIRST_KEY}
+        smooth = {int(contact["key"]): contact for contact in near if contact["key"] >= FIRST_KEY}
         more = [near]
-        for way in 2.0 * np.pi * np.arange(_ROLLS) / _ROLLS if smooth else ():
-            roll = Rotation.from_rotvec(np.radians(_ROLLED_DEG) * np.array([np.cos(way), np.sin(way), 0.0]))
+        for turn in 2.0 * np.pi * np.arange(_ROLLS) / _ROLLS if smooth else ():
+            roll = Rotation.from_rotvec(np.radians(_ROLLED_DEG) * np.array([np.cos(turn), np.sin(turn), 0.0]))
             attitude = (roll * Rotation.from_quat(pose[3:])).as_quat()
             margin_m = within_m + np.radians(_ROLLED_DEG) * self.farthest_m
             rolled = self.contacts(np.concatenate([pose[:3], attitude]), margin_m)
             rolled = rolled[np.isin(rolled["key"], list(smooth))]
             rolled["arm_m"] = roll.inv().apply(rolled["arm_m"])
             rolled["place_m"] = pose[:3] + rolled["arm_m"]
-            for one in rolled:
-                one["normal"] = smooth[int(one["key"])]["normal"]
+            for contact in rolled:
+                contact["normal"] = smooth[int(contact["key"])]["normal"]
             more.append(rolled)
         return np.concatenate(more)
 
@@ -222,8 +222,8 @@ class GroundedBody:
         step_s = _SETTLING_STEP * math.sqrt(self.size_m / self.gravity_m_s2)
         sim = self.clockless(pose, step_s)
         for _ in range(200):
-            way_m = settle(sim, self.load_m_s2(), 200, 1e-7 * self.size_m)
-            if self.stands(sim.pose[0]) and (way_m < 1e-7 * self.size_m or not self.rolls_on_facets):
+            moved_m = settle(sim, self.load_m_s2(), 200, 1e-7 * self.size_m)
+            if self.stands(sim.pose[0]) and (moved_m < 1e-7 * self.size_m or not self.rolls_on_facets):
                 break
         return self.rolled_to_rest(sim.pose[0]) if self.rolls_on_facets else sim.pose[0].copy()
 
@@ -254,8 +254,8 @@ class GroundedBody:
         near = self.near_contacts(pose, RESTING_SHARE * self.size_m)
         up = self.scene_from_support[2]
         over_m, height_m = near["place_m"] @ up, np.ptp(self.rock.vertices_m @ self._up_in_body(pose))
-        foot = near[over_m - over_m.min(initial=np.inf) < _FOOT * height_m]
-        return self.stands(pose) and not self.hold(foot, self.load_m_s2()[None])[0]
+        bottom = near[over_m - over_m.min(initial=np.inf) < _FOOT * height_m]
+        return self.stands(pose) and not self.hold(bottom, self.load_m_s2()[None])[0]
 
     def _up_in_body(self, pose: Array) -> Array:
         """The upward direction (3,) in body axes, in a pose."""
@@ -334,7 +334,7 @@ class GroundedBody:
         return rock.moved(rotation, com - rotation @ rock.com_m)
 
 
-@kept
+@cached
 def grounded_body(
     rock: Rock, pedestal: Pedestal, gravity_m_s2: float, friction: tuple[float, float], smooth: bool
 ) -> GroundedBody:

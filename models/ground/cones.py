@@ -21,21 +21,21 @@ from toppling.models.ground.rigid import copy, cross, dot, plus, square
 from toppling.models.ground.sticking_contacts import stick_at_once
 
 _PRECISION = 1e-10
-"""Of the fastest contact's speed: velocities that are off by less agree. After rounds in which they did not, up to what
-is enough: where gaps differ by rounding, contacts on a plane hand their load to three of them in very many rounds."""
+"""Convergence tolerance on contact velocities, over the fastest contact's speed; relaxed where rounds do not converge:
+where gaps differ by rounding, contacts on a plane hand their load to three of them in very many rounds."""
 
 _STIFFNESS, _STIFFEST = 1e5, 1e6
-"""At first, and at most, over that of a contact which a single impulse stops."""
+"""Initial and largest stiffness, over that of a contact which a single impulse stops."""
 
 _RAISED, _RAISED_AFTER_FAILURE, _LOWERED = 10.0, 2.0, 0.1
 """Factors on the stiffness where Newton's method has converged, also after it once has not; where it has not."""
 
 _ROUNDS, _BEGINS_ANEW = 400, 80
-"""With a stiffness each; after so many that found nothing, all contacts are pressed: those of a wedged rock press each
-other."""
+"""Maximum number of rounds, with a stiffness each, and the number after which all contacts are pressed, as those of a
+wedged rock press each other."""
 
 _NEWTON_STEPS, _HALVINGS = 15, 7
-"""At most with one stiffness; of one step."""
+"""Maximum number of Newton steps with one stiffness, and of halvings of one step."""
 
 _OPEN, _STICKS, _SLIPS = 0, 1, 2
 
@@ -85,10 +85,10 @@ def _solve_with(at: Touching, friction: float) -> bool:
 def _slips(at: Touching) -> bool:
     """Whether a contact that carries moves along the ground."""
     for i in range(at.number):
-        one = at.contacts[i]
-        if dot(one.impulse, one.normal) > 0.0:
-            moves = velocity_of(one.arm_m, at.velocity)
-            if square(plus(moves, -dot(moves, one.normal), one.normal)) > at.enough_m_s**2:
+        contact = at.contacts[i]
+        if dot(contact.impulse, contact.normal) > 0.0:
+            moves = velocity_of(contact.arm_m, at.velocity)
+            if square(plus(moves, -dot(moves, contact.normal), contact.normal)) > at.enough_m_s**2:
                 return True
     return False
 
@@ -98,8 +98,9 @@ def _fastest_m_s(at: Touching) -> float:
     """Largest speed of a contact without impulses, or of its floor."""
     fastest = 0.0
     for i in range(at.number):
-        one = at.contacts[i]
-        fastest = max(fastest, math.sqrt(square(velocity_of(one.arm_m, at.room.free))), abs(one.floor_m_s))
+        contact = at.contacts[i]
+        speed_m_s = math.sqrt(square(velocity_of(contact.arm_m, at.room.free)))
+        fastest = max(fastest, speed_m_s, abs(contact.floor_m_s))
     return fastest
 
 
@@ -108,19 +109,20 @@ def _press(at: Touching, impulse_m_s: float) -> None:
     """Give all contacts an impulse along their normals."""
     copy(at.room.free, at.velocity)
     for i in range(at.number):
-        one = at.contacts[i]
+        contact = at.contacts[i]
         for k in range(3):
-            one.impulse[k] = impulse_m_s * one.normal[k]
-        push(at, i, 1.0, one.impulse, at.velocity)
+            contact.impulse[k] = impulse_m_s * contact.normal[k]
+        push(at, i, 1.0, contact.impulse, at.velocity)
 
 
 @inner
 def _stiffen(at: Touching, share: float) -> None:
     """Give each contact a share of the stiffness of one that a single impulse along its normal stops."""
     for i in range(at.number):
-        one = at.contacts[i]
-        way, spin = response(one.arm_m, one.normal, at.inverse_inertia)
-        at.room.stiffness[i] = share / (dot(one.normal, way) + dot(cross(one.arm_m, one.normal), spin))
+        contact = at.contacts[i]
+        shift, spin = response(contact.arm_m, contact.normal, at.inverse_inertia)
+        mobility = dot(contact.normal, shift) + dot(cross(contact.arm_m, contact.normal), spin)
+        at.room.stiffness[i] = share / mobility
 
 
 @inner
@@ -129,10 +131,10 @@ def _answer(at: Touching, i: int, friction: float, velocity: Array) -> tuple[int
 
     The last is the change of friction across itself over the change of the impulse that is projected.
     """
-    one, stiffness = at.contacts[i], at.room.stiffness[i]
-    n, tried = one.normal, plus(one.impulse, -stiffness, velocity_of(one.arm_m, velocity))
+    contact, stiffness = at.contacts[i], at.room.stiffness[i]
+    n, tried = contact.normal, plus(contact.impulse, -stiffness, velocity_of(contact.arm_m, velocity))
     along = dot(tried, n)
-    pressed, across = along + stiffness * one.floor_m_s, plus(tried, -along, n)
+    pressed, across = along + stiffness * contact.floor_m_s, plus(tried, -along, n)
     if pressed <= 0.0:
         return _OPEN, (0.0, 0.0, 0.0), across, 0.0
     size, limit = math.sqrt(square(across)), friction * pressed
@@ -238,12 +240,12 @@ def _add_sticking(at: Touching, i: int, stiffness: float) -> None:
 def _add(at: Touching, i: int, stiffness: float, pushed: Any, moved: Any) -> None:
     """Add to the derivative that a contact is pushed one way where it moves against another."""
     arm = at.contacts[i].arm_m
-    way, spin = response(arm, pushed, at.inverse_inertia)
+    shift, spin = response(arm, pushed, at.inverse_inertia)
     turned = cross(arm, moved)
     for k in range(3):
         for m in range(3):
-            at.room.matrix[k, m] += stiffness * way[k] * moved[m]
-            at.room.matrix[k, 3 + m] += stiffness * way[k] * turned[m]
+            at.room.matrix[k, m] += stiffness * shift[k] * moved[m]
+            at.room.matrix[k, 3 + m] += stiffness * shift[k] * turned[m]
             at.room.matrix[3 + k, m] += stiffness * spin[k] * moved[m]
             at.room.matrix[3 + k, 3 + m] += stiffness * spin[k] * turned[m]
 
@@ -277,11 +279,11 @@ def _take_impulses(at: Touching, friction: float) -> float:
     """Give the contacts the impulses with which they answer the velocity; the largest velocity that was off."""
     off_m_s = 0.0
     for i in range(at.number):
-        one = at.contacts[i]
+        contact = at.contacts[i]
         _, impulse, _, _ = _answer(at, i, friction, at.velocity)
         for k in range(3):
-            off_m_s = max(off_m_s, abs(impulse[k] - one.impulse[k]) / at.room.stiffness[i])
-            one.impulse[k] = impulse[k]  # of an open one zero to the bit: it tells which contacts carry
+            off_m_s = max(off_m_s, abs(impulse[k] - contact.impulse[k]) / at.room.stiffness[i])
+            contact.impulse[k] = impulse[k]  # of an open one zero to the bit: it tells which contacts carry
     copy(at.room.free, at.velocity)
     for i in range(at.number):
         push(at, i, 1.0, at.contacts[i].impulse, at.velocity)

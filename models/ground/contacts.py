@@ -38,8 +38,8 @@ _SMOOTH = 0.01
 touches with one place, or with both ends of a triangle that lies on a face."""
 
 _ON_CORNER, _END = 1e-9, 1e-12
-"""Of a triangle's size: a point so near to one of its corners lies on it, so that bodies of one outline have a contact
-at each corner; of an edge's length: nearer to its end edges do not cross. The two overlap."""
+"""Distance over a triangle's size within which a point lies on a corner, so that bodies of one outline have a contact
+at each corner; over an edge's length from its ends, within which edges do not cross. The two overlap."""
 
 CONTACT = np.dtype(
     (
@@ -70,12 +70,12 @@ def add(out: Any, count: int, key: int, gap: float, normal: Any, place: Any, pos
         if out[where].gap_m <= gap:
             return count
         count -= 1
-    one = out[where]
-    one.key, one.gap_m, one.lands = key, gap, 0
+    contact = out[where]
+    contact.key, contact.gap_m, contact.lands = key, gap, 0
     for k in range(3):
-        one.normal[k], one.place_m[k], one.arm_m[k] = normal[k], place[k], place[k] - pose[k]
-        one.impulse[k] = 0.0
-    one.floor_m_s = 0.0
+        contact.normal[k], contact.place_m[k], contact.arm_m[k] = normal[k], place[k], place[k] - pose[k]
+        contact.impulse[k] = 0.0
+    contact.floor_m_s = 0.0
     return count + 1
 
 
@@ -86,24 +86,24 @@ def _meet(point: Any, near: Any, mesh: ContactMesh, reach: Any, vertices: bool, 
     point: the body of which it is one, its number there, and its place in the axes of the triangles. Near are the
     triangles, the way that the rock goes before each can touch, noted anew, and the way since.
     """
-    (of, index, p), (triangles, apart_m, way_m), (margin, leaning) = point, near, reach
+    (of, index, p), (triangles, apart_m, travel_m), (margin, leaning) = point, near, reach
     room, features, count = pairs.point, 0, 0
     for place in range(len(triangles)):
-        if apart_m[place] >= margin + way_m:
+        if apart_m[place] >= margin + travel_m:
             continue
         t = triangles[place]
         f, n = mesh.faces[t], mesh.normals[t]
         a = mesh.vertices_m[f[0]]
         code, c = nearest(p, a, mesh.vertices_m[f[1]], mesh.vertices_m[f[2]])
-        way = minus(p, c)
-        depth = dot(n, way)
-        apart_m[place] = way_m + math.sqrt(dot(way, way))
-        aside = minus(way, (depth * n[0], depth * n[1], depth * n[2]))
+        offset = minus(p, c)
+        depth = dot(n, offset)
+        apart_m[place] = travel_m + math.sqrt(dot(offset, offset))
+        aside = minus(offset, (depth * n[0], depth * n[1], depth * n[2]))
         if code == 0 or dot(aside, aside) <= (_ON_CORNER * mesh.radii_m[t]) ** 2:
             if -margin < depth < margin and _leads_out(of, index, n, leaning, pairs, vertices):
                 count = _keep_face(room.found, count, n, depth, c)
             continue
-        if dot(way, way) >= margin * margin or (code <= 3 and not vertices):
+        if dot(offset, offset) >= margin * margin or (code <= 3 and not vertices):
             continue
         if code > 3 and mesh.over_hollow[t, code - 4] >= 0:
             # Above a hollow's other face, its plane goes on below that one: what comes over the edge lands on it.
@@ -118,13 +118,13 @@ def _meet(point: Any, near: Any, mesh: ContactMesh, reach: Any, vertices: bool, 
         shared = mesh.triangles_at_vertex[-1 - name] if name < 0 else mesh.triangles_at_edge[name]
         if room.hits[k] != shared or count == len(room.found):
             continue
-        way, total = minus(p, room.spots[k]), room.sums[k]
-        far, size = math.sqrt(dot(way, way)), math.sqrt(dot(total, total))
+        offset, total = minus(p, room.spots[k]), room.sums[k]
+        far, size = math.sqrt(dot(offset, offset)), math.sqrt(dot(total, total))
         outside = room.inside[k] > 0.0 and far > 1e-9 * mesh.grid.cell_m
         for i in range(3):
-            room.found[count, i] = way[i] / far if outside else total[i] / size
+            room.found[count, i] = offset[i] / far if outside else total[i] / size
             room.found[count, 4 + i] = room.spots[k, i]
-        room.found[count, 3] = far if outside else dot(way, total) / size
+        room.found[count, 3] = far if outside else dot(offset, total) / size
         if _leads_out(of, index, room.found[count], leaning, pairs, vertices):
             count += 1
     return count
@@ -198,14 +198,14 @@ def _near_a_plane(p: Any, mesh: ContactMesh, near_it: Any, margin_m: float) -> b
 
     Near are the triangles, the way that the rock goes before each can touch, and the way since.
     """
-    (triangles, apart_m, way_m), near = near_it, False
+    (triangles, apart_m, travel_m), near = near_it, False
     for place in range(len(triangles)):
-        if apart_m[place] >= margin_m + way_m:
+        if apart_m[place] >= margin_m + travel_m:
             continue
         t = triangles[place]
         off = abs(dot(mesh.normals[t], p) - mesh.offsets_m[t])
         near = near or off <= 1.001 * margin_m
-        apart_m[place] = max(apart_m[place], way_m + off)
+        apart_m[place] = max(apart_m[place], travel_m + off)
     return near
 
 
@@ -224,18 +224,18 @@ def contacts_in(
     A point of the rock touches a face only where no edge beside it dips below that face by more than the sine
     `leaning`; 1 keeps those that may touch it once the rock has tilted.
     """
-    way_m, bodies, placed, count = look(pairs, pose), (rock, ground), (pose, pairs.turn), 0
+    travel_m, bodies, placed, count = look(pairs, pose), (rock, ground), (pose, pairs.turn), 0
     groups = pairs.groups
     for kind in range(3):
         for group in range(groups.found[kind]):
-            if groups.apart_m[kind, group] >= margin_m + way_m:
+            if groups.apart_m[kind, group] >= margin_m + travel_m:
                 continue
             begin, end = groups.begin[kind, group], groups.begin[kind, group + 1]
             index = pairs.first[kind, begin]
             ends = ends_of(bodies, kind, index, placed)
             if not may_touch(pairs, kind, group, ends, margin_m):
                 continue
-            near_it = pairs.second[kind, begin:end], pairs.apart_m[kind, begin:end], way_m
+            near_it = pairs.second[kind, begin:end], pairs.apart_m[kind, begin:end], travel_m
             if kind == 2:
                 count = _edges_across(bodies, (index, ends), near_it, placed, margin_m, out, count)
             elif kind == 1:
@@ -290,13 +290,13 @@ def _edges_across(
 
     The edge and its ends; the ground's edges, the way before each can touch, noted anew, and the way since.
     """
-    (index, (a, b)), (edges, apart_m, way_m) = edge, near_it
-    way = minus(b, a)
+    (index, (a, b)), (edges, apart_m, travel_m) = edge, near_it
+    offset = minus(b, a)
     for place in range(len(edges)):
-        if apart_m[place] < margin_m + way_m:
-            ends = index, a, way, edges[place]
+        if apart_m[place] < margin_m + travel_m:
+            ends = index, a, offset, edges[place]
             count, far_m = _across(bodies, ends, placed, margin_m, out, count)
-            apart_m[place] = way_m + far_m
+            apart_m[place] = travel_m + far_m
     return count
 
 
@@ -306,17 +306,17 @@ def _across(bodies: Any, edges: Any, placed: Any, margin_m: float, out: Any, cou
 
     Rock and ground; the rock's edge, its start and its way to its end, the ground's edge; the rock's pose and rotation.
     """
-    (rock, ground), (i, a, way, j), (pose, turn) = bodies, edges, placed
+    (rock, ground), (i, a, offset, j), (pose, turn) = bodies, edges, placed
     c, d = ground.vertices_m[ground.edges[j, 0]], ground.vertices_m[ground.edges[j, 1]]
     other = minus(d, c)
-    s, t, far = between(a, way, c, other)
+    s, t, far = between(a, offset, c, other)
     apart_m = math.sqrt(far)
     if apart_m >= margin_m:
         return count, apart_m
     if not (_END < s < 1.0 - _END and _END < t < 1.0 - _END):
         return count, apart_m
-    n = cross(way, other)
-    size, scale = math.sqrt(dot(n, n)), math.sqrt(dot(way, way) * dot(other, other))
+    n = cross(offset, other)
+    size, scale = math.sqrt(dot(n, n)), math.sqrt(dot(offset, offset) * dot(other, other))
     if size < 1e-4 * scale:
         return count, apart_m
     own0, own1 = turned(turn, rock.inward[i, 0]), turned(turn, rock.inward[i, 1])
@@ -330,7 +330,7 @@ def _across(bodies: Any, edges: Any, placed: Any, margin_m: float, out: Any, cou
         return count, max(apart_m, half_m * off * size / scale)
     if _off(-dot(n, own0), -dot(n, own1), rock.smooth_edges[i] >= 0) > 0.0:
         return count, apart_m
-    place = plus(a, s, way)
+    place = plus(a, s, offset)
     gap = dot(n, minus(place, plus(c, t, other)))
     if -margin_m < gap < margin_m:
         key = (2 << 60) + _name(i, rock.smooth_edges) * len(ground.edges) + _name(j, ground.smooth_edges)
@@ -339,9 +339,9 @@ def _across(bodies: Any, edges: Any, placed: Any, margin_m: float, out: Any, cou
 
 
 @inner
-def _off(one: float, other: float, smooth: bool) -> float:
+def _off(first: float, other: float, smooth: bool) -> float:
     """By how much more than it may a way leads into a body beside an edge; its sines toward the triangles there."""
-    return max(one, other) - (_SMOOTH * max(-min(one, other), 0.0) if smooth else _ASIDE)
+    return max(first, other) - (_SMOOTH * max(-min(first, other), 0.0) if smooth else _ASIDE)
 
 
 class SolverRoom(NamedTuple):
@@ -399,7 +399,7 @@ def response(arm: Any, impulse: Any, inverse_inertia: Array) -> tuple[Vector, Ve
 @inner
 def push(at: Touching, i: int, share: float, impulse: Any, velocity: Array) -> None:
     """Change a velocity (6,) by a share of an impulse at a contact."""
-    way, spin = response(at.contacts[i].arm_m, impulse, at.inverse_inertia)
+    shift, spin = response(at.contacts[i].arm_m, impulse, at.inverse_inertia)
     for k in range(3):
-        velocity[k] += share * way[k]
+        velocity[k] += share * shift[k]
         velocity[3 + k] += share * spin[k]

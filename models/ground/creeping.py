@@ -16,7 +16,7 @@ def settle(sim: Grounded, force_m_s2: Array, sweeps: int, stop_m: float) -> floa
 
     Every step starts at rest under a constant specific force; the way is that of the point that moved most.
     """
-    pose, before, velocity, way = sim.pose[sim.counts[1]], sim.work.start, sim.work.still, np.inf
+    pose, before, velocity, travel_m = sim.pose[sim.counts[1]], sim.work.start, sim.work.still, np.inf
     step_s = sim.step_s
     for _ in range(sweeps):
         copy(pose, before)
@@ -24,7 +24,7 @@ def settle(sim: Grounded, force_m_s2: Array, sweeps: int, stop_m: float) -> floa
             velocity[k] = 0.0
         increment = (force_m_s2[0] * step_s, force_m_s2[1] * step_s, force_m_s2[2] * step_s)
         advance(sim, step_s, increment, pose, velocity, True, np.inf)
-        way = moved_m(before, pose, sim.lists.farthest_m)
-        if way < stop_m:
+        travel_m = moved_m(before, pose, sim.lists.farthest_m)
+        if travel_m < stop_m:
             break
-    return way
+    return travel_m

@@ -14,10 +14,10 @@ from toppling.models.ground.rigid import invert, rotation_of, square
 from toppling.models.ground.stepping import SECTORS, Grounded, enough_in_step_m_s, touching, touching_m
 
 _SIDES = 32
-"""Of the pyramid within each friction cone: it misses at most 1 - cos(pi / SIDES), half a per cent, of the friction."""
+"""Number of sides of the pyramid within each friction cone, which misses at most half a per cent of it."""
 
 _DIRECTIONS = 48
-"""In which the border of the loads that are held is looked for."""
+"""Number of directions in which the border of the loads that are held is computed."""
 
 _HELD_WITHIN = 1e-8
 """Share of a load that a mixture of wrenches may miss: rounding."""
@@ -32,27 +32,27 @@ _AT_ONCE = 60
 def wrenches(arms_m: Array, normals: Array, friction: float) -> Array:
     """Forces and moments about the centre of mass (6, n) of the edges of the contacts' friction pyramids."""
     angle = 2.0 * np.pi * np.arange(_SIDES) / _SIDES if friction > 0.0 else np.zeros(1)
-    one = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=1)])
-    one /= np.linalg.norm(one, axis=1)[:, None]
-    other = np.cross(normals, one)
-    across = np.cos(angle)[:, None] * one[:, None] + np.sin(angle)[:, None] * other[:, None]
+    first = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=1)])
+    first /= np.linalg.norm(first, axis=1)[:, None]
+    other = np.cross(normals, first)
+    across = np.cos(angle)[:, None] * first[:, None] + np.sin(angle)[:, None] * other[:, None]
     force = normals[:, None] + friction * across  # contacts, sides, 3
     return np.concatenate([force, np.cross(arms_m[:, None], force)], axis=2).reshape(-1, 6).T
 
 
 def farthest_load(
-    columns: Array, load_m_s2: Array, way_m_s2: Array, size_m: float, more_than: float = -np.inf
+    columns: Array, load_m_s2: Array, direction_m_s2: Array, size_m: float, more_than: float = -np.inf
 ) -> float | None:
-    """Largest share s for which the specific force load + s way on the centre of mass is held; None if none is.
+    """Largest share s for which the specific force load + s direction on the centre of mass is held; None if none is.
 
     Where a load is not held, what the nearest mixture of wrenches leaves of it is the normal of a plane between it and
-    all that are held (Farkas 1902). From far away, the share at which load + s way meets that plane is tried next.
+    all that are held (Farkas 1902). From far away, the share at which load + s direction meets that plane is next.
 
     Parameters
     ----------
     columns : (6, n) array
         As :func:`wrenches` gives them.
-    load_m_s2, way_m_s2 : (3,) arrays
+    load_m_s2, direction_m_s2 : (3,) arrays
     size_m : float
         Scale of lengths.
     more_than : float
@@ -61,23 +61,23 @@ def farthest_load(
     Returns
     -------
     float or None
-        Infinite where every share is held; negative where only loads against the way are.
+        Infinite where every share is held; negative where only loads against the direction are.
     """
     scaled = _scaled(columns, size_m)
-    far = _FARTHEST * float(np.linalg.norm(load_m_s2) / np.linalg.norm(way_m_s2))
+    far = _FARTHEST * float(np.linalg.norm(load_m_s2) / np.linalg.norm(direction_m_s2))
     if more_than > -np.inf:
-        missed = _missed(scaled, load_m_s2 + more_than * way_m_s2)
-        if missed is None or (np.linalg.norm(missed) > _HELD_WITHIN and missed[:3] @ way_m_s2 > 0.0):
+        missed = _missed(scaled, load_m_s2 + more_than * direction_m_s2)
+        if missed is None or (np.linalg.norm(missed) > _HELD_WITHIN and missed[:3] @ direction_m_s2 > 0.0):
             return None
     share = far
     for _ in range(_MOST_TRIALS):
-        missed = _missed(scaled, load_m_s2 + share * way_m_s2)
+        missed = _missed(scaled, load_m_s2 + share * direction_m_s2)
         if missed is None:
             return None
         if np.linalg.norm(missed) <= _HELD_WITHIN:
             break
-        beyond = float(missed[:3] @ way_m_s2)
-        if beyond <= 0.0:  # with less of the way even more is missed
+        beyond = float(missed[:3] @ direction_m_s2)
+        if beyond <= 0.0:  # with less of the load even more is missed
             return None
         share = -float(missed[:3] @ load_m_s2) / beyond
     return np.inf if share == far else share
@@ -90,7 +90,7 @@ def are_held(columns: Array, loads_m_s2: Array, size_m: float) -> Flags:
     """
     scaled = _scaled(columns, size_m)
     missed = [_missed(scaled, load) for load in loads_m_s2]
-    return np.array([each is not None and np.linalg.norm(each) <= _HELD_WITHIN for each in missed], bool)
+    return np.array([lack is not None and np.linalg.norm(lack) <= _HELD_WITHIN for lack in missed], bool)
 
 
 def _scaled(columns: Array, size_m: float) -> Array:
@@ -127,10 +127,10 @@ def _least_missed(columns: Array, target: Array) -> Array | None:
             break
         chosen, before = np.union1d(bearing, some), size
         try:
-            shares = scipy.optimize.nnls(columns[:, chosen], target)[0]
+            multipliers = scipy.optimize.nnls(columns[:, chosen], target)[0]
         except RuntimeError:  # it has found none in the steps that it takes at most
             return None
-        missed, bearing = columns[:, chosen] @ shares - target, chosen[shares > 0.0]
+        missed, bearing = columns[:, chosen] @ multipliers - target, chosen[multipliers > 0.0]
     return missed
 
 
@@ -143,11 +143,11 @@ def held_polygon(columns: Array, size_m: float) -> Array:
     down = np.array([0.0, 0.0, -1.0])
     angle = 2.0 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
     corners = []
-    for way in np.column_stack([np.cos(angle), np.sin(angle), np.zeros(_DIRECTIONS)]):
-        far = farthest_load(columns, down, way, size_m)
+    for direction in np.column_stack([np.cos(angle), np.sin(angle), np.zeros(_DIRECTIONS)]):
+        far = farthest_load(columns, down, direction, size_m)
         if far is None or far < 0.0:
             return np.zeros((0, 3))
-        corners.append(min(far, 100.0) * way[:2])
+        corners.append(min(far, 100.0) * direction[:2])
     ring = np.array(corners)
     edge = np.roll(ring, -1, axis=0) - ring
     normal = np.column_stack([edge[:, 1], -edge[:, 0]])
@@ -169,7 +169,7 @@ def held(half_planes: Array, loads_m_s2: Array, margin: float = 1e-6) -> Flags:
 
 
 STILL = 1e-9
-"""Over sqrt(g R): a rock on contacts that moves slower moves by rounding alone."""
+"""Speed over sqrt(g R) below which a rock on contacts moves by rounding alone."""
 
 
 @inner
@@ -247,10 +247,10 @@ def _is_between(leanings: Array, x: float, y: float) -> bool:
 
 
 @inner
-def _next(leanings: Array, sector: int, way: int) -> int:
+def _next(leanings: Array, sector: int, sense: int) -> int:
     """The next sector, one way around, in which a leaning is kept; the same if in none."""
     for k in range(1, SECTORS):
-        other = (sector + way * k) % SECTORS
+        other = (sector + sense * k) % SECTORS
         if leanings[other, 0] ** 2 + leanings[other, 1] ** 2 > 0.0:
             return other
     return sector

@@ -209,11 +209,11 @@ def _nearest(rock: _Rolling, x: float, y: float) -> tuple[tuple[float, float], t
     pivot, on_edge, along = (ring[0, 0], ring[0, 1]), False, (0.0, 0.0)
     for k in range(corners if corners > 1 else 0):
         right, up = _edge(rock, k)
-        ahead, beside = x - ring[k, 0], y - ring[k, 1]
-        if corners > 2 and right * beside - up * ahead >= 0.0:  # on its inner side
+        ahead, aside = x - ring[k, 0], y - ring[k, 1]
+        if corners > 2 and right * aside - up * ahead >= 0.0:  # on its inner side
             continue
         squared = right * right + up * up  # 0 between two places that coincide
-        share = (ahead * right + beside * up) / (squared if squared > 0.0 else 1.0)
+        share = (ahead * right + aside * up) / (squared if squared > 0.0 else 1.0)
         inside, share = 0.0 < share < 1.0, min(max(share, 0.0), 1.0)
         at = ring[k, 0] + share * right, ring[k, 1] + share * up
         distance = (x - at[0]) ** 2 + (y - at[1]) ** 2
@@ -255,18 +255,14 @@ def _touch(rock: _Rolling) -> None:
     rock.corners[0] = corners
     for k in range(corners):
         ring[k, 0], ring[k, 1] = work[k, 0], work[k, 1]
-    one, _ = _farthest(rock, 0)
-    other, length = _farthest(rock, one)
+    first, _ = _farthest(rock, 0)
+    other, length = _farthest(rock, first)
     for k in range(corners):
-        if abs(_left(work[one], work[other], work[k])) > rock.tolerance_m * length:
+        if abs(_left(work[first], work[other], work[k])) > rock.tolerance_m * length:
             return
     rock.corners[0] = 2
-    ring[0, 0], ring[0, 1], ring[1, 0], ring[1, 1] = (
-        work[one, 0],
-        work[one, 1],
-        work[other, 0],
-        work[other, 1],
-    )
+    ring[0, 0], ring[0, 1] = work[first, 0], work[first, 1]
+    ring[1, 0], ring[1, 1] = work[other, 0], work[other, 1]
 
 
 @inner

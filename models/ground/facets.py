@@ -17,23 +17,23 @@ import numpy as np
 from toppling.models.compiled import Array, Indices, Vector, inner
 from toppling.models.ground.contacts import add
 from toppling.models.ground.grid import cell_of
-from toppling.models.ground.mesh import ContactMesh, normals_beside_edges, sides_at_edges
+from toppling.models.ground.mesh import ContactMesh, normals_at_edges, sides_at_edges
 from toppling.models.ground.pairs import moved_m
 from toppling.models.ground.rigid import copy, dot, minus, plus, rotation_of, turned, turned_back
 from toppling.models.ground.rolling import NO_ROLLING, RollingSurface, follow, lowest_within, placed_on
 from toppling.models.shapes import joined_parts
 
 FIRST_KEY = 4 << 60
-"""Of contacts: by part, facets and then edges; then creases, by facet."""
+"""First key of the contacts of smooth parts: by part, facets and then edges; then creases, by facet."""
 
 _ONE_FACET = 1e-6
 """Sine of the angle between two triangles up to which they are one facet."""
 
 _ROUNDS = 60
-"""In which the normal at an edge is found, at most."""
+"""Maximum number of rounds in which the normal at an edge is found."""
 
 _CENTRED = 1e-10
-"""Of the rock's size: by so much the place may miss the way from the edge."""
+"""Tolerance over the rock's size on the distance of the contact from the edge."""
 
 _BESIDE = 1e-9
 """Share of a side by which a place may lie beside a triangle, or beyond an edge's end: it belongs to both beside."""
@@ -42,7 +42,7 @@ _ONE_WAY = 1.0 - 1e-6
 """Cosine between normals of one facet, and of no other."""
 
 _ONE_PLACE = 0.005
-"""Of the way to the farthest vertex: what lies so near to the place where a part touches is its rim's."""
+"""Distance from the contact of a part, over that of the farthest vertex, within which vertices belong to its rim."""
 
 
 class Facets(NamedTuple):
@@ -68,22 +68,22 @@ NO_FACETS = Facets(
     np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0, 4), np.int64), np.zeros((0, 0)), np.zeros(0), np.zeros(7),
     np.zeros(2),
 )  # fmt: skip
-"""That of a rock which touches with its triangles."""
+"""Facets of a rock that touches with its triangles alone."""
 
 
 def facets_below(surface: RollingSurface, ground: ContactMesh) -> Facets:
     """A rounded base, in body axes, over the facets of its ground."""
     facet_of, normals, places = _facets(ground)
-    beside = normals_beside_edges(ground)
+    at_edges = normals_at_edges(ground)
     across = -ground.inward[:, 0]
     bounds = (ground.inward[:, 0] == ground.inward[:, 1]).all(axis=1)
-    turns = np.arctan2((beside[:, 1] * across).sum(axis=1), (beside[:, 1] * beside[:, 0]).sum(axis=1))
+    turns = np.arctan2((at_edges[:, 1] * across).sum(axis=1), (at_edges[:, 1] * at_edges[:, 0]).sum(axis=1))
     start, end = ground.vertices_m[ground.edges[:, 0]], ground.vertices_m[ground.edges[:, 1]]
     parts, features = len(surface.lowest), len(normals) + len(start)
     return Facets(
         surface,
         facet_of,
-        np.vstack([normals, beside[:, 0]]),
+        np.vstack([normals, at_edges[:, 0]]),
         np.vstack([places, start]),
         end - start,
         across,
@@ -99,7 +99,7 @@ def facets_below(surface: RollingSurface, ground: ContactMesh) -> Facets:
 
 def not_looked_at(on: Facets) -> Facets:
     """The same with nothing looked up yet: answers depend on no other shake."""
-    surface = on.surface._replace(shares=np.zeros(3), down=np.zeros(3))
+    surface = on.surface._replace(fractions=np.zeros(3), down=np.zeros(3))
     first = np.broadcast_to(surface.lowest[:, None, None], on.lowest.shape).copy()
     return on._replace(
         surface=surface,
@@ -163,19 +163,19 @@ def _without_rims_of_what_touches(on: Facets, out: Any, count: int) -> int:
     """
     creases = FIRST_KEY + len(on.apart_m) * len(on.normals)
     near_m = _ONE_PLACE * on.lengths_m[1]
-    kept = 0
+    remaining = 0
     for i in range(count):
-        one, beside = out[i], False
-        if not FIRST_KEY <= one.key < creases:
+        contact, nearby = out[i], False
+        if not FIRST_KEY <= contact.key < creases:
             for k in range(count):
-                if FIRST_KEY <= out[k].key < creases and dot(out[k].normal, one.normal) > _ONE_WAY:
-                    way = minus(out[k].arm_m, one.arm_m)
-                    beside = beside or dot(way, way) < near_m**2
-        if not beside:
-            if i != kept:
-                out[kept] = one
-            kept += 1
-    return kept
+                if FIRST_KEY <= out[k].key < creases and dot(out[k].normal, contact.normal) > _ONE_WAY:
+                    along = minus(out[k].arm_m, contact.arm_m)
+                    nearby = nearby or dot(along, along) < near_m**2
+        if not nearby:
+            if i != remaining:
+                out[remaining] = contact
+            remaining += 1
+    return remaining
 
 
 @inner
@@ -251,13 +251,13 @@ def _lies_over(on: Facets, ground: ContactMesh, facet: int, place: Vector) -> bo
 def _over_triangle(ground: ContactMesh, t: int, place: Vector) -> bool:
     for k in range(3):
         a, b = ground.vertices_m[ground.faces[t, k]], ground.vertices_m[ground.faces[t, (k + 1) % 3]]
-        n, side, way = ground.normals[t], minus(b, a), minus(place, a)
+        n, side, along = ground.normals[t], minus(b, a), minus(place, a)
         inward = (
             n[1] * side[2] - n[2] * side[1],
             n[2] * side[0] - n[0] * side[2],
             n[0] * side[1] - n[1] * side[0],
         )
-        if dot(inward, way) < -_BESIDE * dot(side, side):
+        if dot(inward, along) < -_BESIDE * dot(side, side):
             return False
     return True
 
@@ -291,8 +291,8 @@ def _meet_edge(on: Facets, part: int, edge: int, placed: Any, margin_m: float, o
             far, high, low = angle, miss, 0.5 * low
         angle = near + (far - near) * low / (low - high)
     on.angles[part, edge] = angle
-    n, way = _between(on, edge, angle), on.ways[edge]
-    gap, share = dot(n, minus(place, start)), dot(way, minus(place, start)) / dot(way, way)
+    n, along = _between(on, edge, angle), on.ways[edge]
+    gap, share = dot(n, minus(place, start)), dot(along, minus(place, start)) / dot(along, along)
     if on_crease or abs(gap) >= margin_m or not -_BESIDE <= share <= 1.0 + _BESIDE:
         return count
     return add(out, count, FIRST_KEY + part * len(on.normals) + feature, gap, n, place, placed[0])
@@ -301,9 +301,9 @@ def _meet_edge(on: Facets, part: int, edge: int, placed: Any, margin_m: float, o
 @inner
 def _apart_from_edge(on: Facets, part: int, edge: int, placed: Any) -> float:
     """How far a part is from an edge, at least: along the way from there to the centre of mass."""
-    pose, feature, way = placed[0], edge + len(on.normals) - len(on.ways), on.ways[edge]
-    share = dot(way, minus(pose, on.places[feature])) / dot(way, way)
-    nearest = plus(on.places[feature], min(max(share, 0.0), 1.0), way)
+    pose, feature, along = placed[0], edge + len(on.normals) - len(on.ways), on.ways[edge]
+    share = dot(along, minus(pose, on.places[feature])) / dot(along, along)
+    nearest = plus(on.places[feature], min(max(share, 0.0), 1.0), along)
     up = minus(pose, nearest)
     size = math.sqrt(dot(up, up))
     if size == 0.0:

@@ -11,7 +11,7 @@ from toppling.models.compiled import Array, Indices, compiled, inner
 from toppling.models.ground.rigid import cross, dot, minus, plus
 
 _CELLS = 40
-"""Cells of a grid along the longest side of what is looked up, or more, that none is longer than asked."""
+"""Number of cells along the longest side of a grid, or more where cells would be longer than asked."""
 
 
 class Grid(NamedTuple):
@@ -43,7 +43,7 @@ NO_GRID = Grid(
     np.zeros(3), 1.0, np.zeros(3, np.int64), 0.0, np.zeros(1, np.int64), np.zeros(0, np.int64),
     np.zeros(1, np.int64), np.zeros(0, np.int64),
 )  # fmt: skip
-"""In which no place lies."""
+"""Grid without cells."""
 
 
 def grid_of(
@@ -102,9 +102,9 @@ def _register(
                 # Of what lies beyond the box the last cell comes before the first: it is registered nowhere.
                 begin[k] = max(math.floor((least - reach_m - low[k]) / cell), 0)
                 end[k] = min(math.floor((most + reach_m - low[k]) / cell), shape[k] - 1)
-            way = minus(of[1], of[0])
-            normal = cross(way, minus(of[2], of[0]))
-            size, along = math.sqrt(dot(normal, normal)), dot(way, way)
+            side = minus(of[1], of[0])
+            normal = cross(side, minus(of[2], of[0]))
+            size, along = math.sqrt(dot(normal, normal)), dot(side, side)
             for x in range(begin[0], end[0] + 1):
                 for y in range(begin[1], end[1] + 1):
                     for z in range(begin[2], end[2] + 1):
@@ -117,7 +117,7 @@ def _register(
                             if abs(dot(offset, normal)) > far_m * size:
                                 continue
                         else:
-                            aside = plus(offset, -min(max(dot(offset, way) / along, 0.0), 1.0), way)
+                            aside = plus(offset, -min(max(dot(offset, side) / along, 0.0), 1.0), side)
                             if dot(aside, aside) > far_m * far_m:
                                 continue
                         number = (x * shape[1] + y) * shape[2] + z
@@ -160,11 +160,11 @@ def nearest(p: Any, a: Any, b: Any, c: Any) -> tuple[int, tuple[float, float, fl
 
 
 @inner
-def between(a: Any, way: Any, c: Any, other: Any) -> tuple[float, float, float]:
+def between(a: Any, along: Any, c: Any, other: Any) -> tuple[float, float, float]:
     """Shares of two segments where they are nearest, and their squared distance there."""
     from_c = minus(a, c)
-    aa, bb, ab = dot(way, way), dot(other, other), dot(way, other)
-    af, bf = dot(way, from_c), dot(other, from_c)
+    aa, bb, ab = dot(along, along), dot(other, other), dot(along, other)
+    af, bf = dot(along, from_c), dot(other, from_c)
     det = aa * bb - ab * ab
     s = (ab * bf - af * bb) / det if det > 1e-12 * aa * bb else 0.5
     s = min(max(s, 0.0), 1.0)
@@ -172,5 +172,5 @@ def between(a: Any, way: Any, c: Any, other: Any) -> tuple[float, float, float]:
     if t < 0.0 or t > 1.0:
         t = min(max(t, 0.0), 1.0)
         s = min(max((ab * t - af) / aa, 0.0), 1.0)
-    gap = minus(plus(a, s, way), plus(c, t, other))
+    gap = minus(plus(a, s, along), plus(c, t, other))
     return s, t, dot(gap, gap)

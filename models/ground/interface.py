@@ -69,8 +69,8 @@ def surface_below(
 
 
 def _apart(rock: Rock, vertices_m: Array, where: str) -> InputError:
-    own, other = (np.array([each.min(axis=0), each.max(axis=0)]) for each in (rock.vertices_m, vertices_m))
-    sizes = [" by ".join(f"{side:.3g}" for side in np.ptp(each, axis=0)) for each in (own, other)]
+    own, other = (np.array([box.min(axis=0), box.max(axis=0)]) for box in (rock.vertices_m, vertices_m))
+    sizes = [" by ".join(f"{side:.3g}" for side in np.ptp(box, axis=0)) for box in (own, other)]
     off = other.mean(axis=0) - own.mean(axis=0)
     return InputError(
         "rock.apart_from_pedestal",

@@ -93,7 +93,7 @@ NO_MESH = ContactMesh(
     _NONE[:, :2].copy(), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 2, 3)),
     _NONE[:, 0].copy(), _NONE[:, 0].copy(), NO_GRID, NO_GRID,
 )  # fmt: skip
-"""That of a body which touches with no mesh."""
+"""Mesh of a body that touches with none."""
 
 
 def contact_mesh(
@@ -134,22 +134,22 @@ def contact_mesh(
     offsets = (normals * corners[:, 0]).sum(axis=1)
     middles = corners.mean(axis=1)
     radii = np.linalg.norm(corners - middles[:, None], axis=2).max(axis=1)
-    edge_of, ends, shares = _edges(faces)
-    stands_out, over_hollow, inward = _convexity(vertices, faces, normals, edge_of, shares)
+    edge_of, ends, owners = _edges(faces)
+    stands_out, over_hollow, inward = _convexity(vertices, faces, normals, edge_of, owners)
     if touching is not None:
         stands_out &= touching[used][ends].all(axis=1)
-    kept = ends[stands_out]
-    features = corners, vertices[kept][:, [0, 1, 1]]
+    touching_ends = ends[stands_out]
+    features = corners, vertices[touching_ends][:, [0, 1, 1]]
     grid = grid_of(features, low_m, high_m, (reach_m, reach_m))
     fine_m = FINE * reach_m, 0.5 * FINE * reach_m
     fine = NO_GRID if often_m is None else grid_of(features, *often_m, fine_m)
-    start, end = vertices[kept[:, 0]], vertices[kept[:, 1]]
-    points = np.unique(kept)
+    start, end = vertices[touching_ends[:, 0]], vertices[touching_ends[:, 1]]
+    points = np.unique(touching_ends)
     return ContactMesh(
-        vertices, faces, normals, offsets, middles, radii, edge_of, shares, over_hollow,
+        vertices, faces, normals, offsets, middles, radii, edge_of, owners, over_hollow,
         np.bincount(faces.ravel(), minlength=len(vertices)), points, *_ways(vertices, ends, points),
-        kept, 0.5 * (start + end), 0.5 * np.linalg.norm(end - start, axis=1), inward[stands_out],
-        np.full(len(points), -1), np.full(len(kept), -1), grid, fine,
+        touching_ends, 0.5 * (start + end), 0.5 * np.linalg.norm(end - start, axis=1), inward[stands_out],
+        np.full(len(points), -1), np.full(len(touching_ends), -1), grid, fine,
     )  # fmt: skip
 
 
@@ -187,22 +187,22 @@ def _edges(faces: Indices) -> tuple[Indices, Indices, Indices]:
 
 
 def _convexity(
-    vertices: Array, faces: Indices, normals: Array, edge_of: Indices, shares: Indices
+    vertices: Array, faces: Indices, normals: Array, edge_of: Indices, owners: Indices
 ) -> tuple[Flags, Indices, Array]:
     """Which edges stand out (are convex, or bound the mesh), which triangles lie across hollows, ways into triangles.
 
     The second as :class:`ContactMesh` has it; the last are unit vectors (e, 2, 3), two at each edge.
     """
-    way = vertices[np.roll(faces, -1, axis=1)] - vertices[faces]  # (m, 3, 3)
-    inward = np.cross(normals[:, None, :], way)
+    along = vertices[np.roll(faces, -1, axis=1)] - vertices[faces]  # (m, 3, 3)
+    inward = np.cross(normals[:, None, :], along)
     inward /= np.linalg.norm(inward, axis=2)[:, :, None]
-    first, last = sides_at_edges(edge_of, shares).T
+    first, last = sides_at_edges(edge_of, owners).T
     flat_inward, flat_normal = inward.reshape(-1, 3), np.repeat(normals, 3, axis=0)
     both = np.stack([flat_inward[first], flat_inward[last]], axis=1)
     rises = (flat_inward[last] * flat_normal[first]).sum(axis=1)
     hollow, over = rises > _FLAT_SHARE, np.full(faces.size, -1)
     over[first[hollow]], over[last[hollow]] = last[hollow] // 3, first[hollow] // 3
-    return (rises < -_FLAT_SHARE) | (shares == 1), over.reshape(-1, 3), both
+    return (rises < -_FLAT_SHARE) | (owners == 1), over.reshape(-1, 3), both
 
 
 def sides_at_edges(edge_of: Indices, triangles_at_edge: Indices) -> Indices:
@@ -212,7 +212,7 @@ def sides_at_edges(edge_of: Indices, triangles_at_edge: Indices) -> Indices:
     return order[np.column_stack([end - triangles_at_edge, end - 1])]
 
 
-def normals_beside_edges(mesh: ContactMesh) -> Array:
+def normals_at_edges(mesh: ContactMesh) -> Array:
     """Normals (k, 2, 3) of the triangles beside each of a mesh's `edges`, as `inward` has them."""
     triangles, _, number = _all_edges(mesh)
     return mesh.normals[triangles[number]]
@@ -246,10 +246,10 @@ def smooth_parts(mesh: ContactMesh, size_m: float) -> ContactMesh:
     part_at[mesh.faces] = part[:, None]
     at_points = np.where(np.isin(mesh.points, corners[~smooth, 0, :2]), -1, part_at[mesh.points])
     at_edges = np.where(smooth[number], part[triangles[number, 0]], -1)
-    return mesh._replace(smooth_points=_first_of_each(at_points), smooth_edges=_first_of_each(at_edges))
+    return mesh._replace(smooth_points=_first_of_parts(at_points), smooth_edges=_first_of_parts(at_edges))
 
 
-def _first_of_each(parts: Indices) -> Indices:
+def _first_of_parts(parts: Indices) -> Indices:
     """For each of some numbers of parts where its part is first; -1 stays."""
     _, first, inverse = np.unique(parts, return_index=True, return_inverse=True)
     return np.where(parts < 0, -1, first[inverse])
@@ -262,6 +262,6 @@ def _ways(vertices: Array, ends: Indices, points: Indices) -> tuple[Indices, Arr
     number = np.full(len(vertices), -1)
     number[points] = np.arange(len(points))
     both = both[number[both[:, 0]] >= 0]
-    way = vertices[both[:, 1]] - vertices[both[:, 0]]
+    along = vertices[both[:, 1]] - vertices[both[:, 0]]
     first = np.searchsorted(number[both[:, 0]], np.arange(len(points) + 1))
-    return first.astype(np.int64), way / np.linalg.norm(way, axis=1)[:, None]
+    return first.astype(np.int64), along / np.linalg.norm(along, axis=1)[:, None]

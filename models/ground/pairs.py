@@ -116,11 +116,11 @@ def may_touch(pairs: Pairs, kind: int, group: int, ends: Any, margin_m: float) -
     """Whether a group's feature has come near since it was last looked at; if not, the way left to it is noted."""
     seen_m, (a, b) = pairs.groups.seen_m[kind, group], ends
     moved = minus(a, seen_m)
-    way_m = math.sqrt(dot(moved, moved))
+    travel_m = math.sqrt(dot(moved, moved))
     if kind == 2:
         moved = minus(b, seen_m[3:])
-        way_m = max(way_m, math.sqrt(dot(moved, moved)))
-    left_m = seen_m[6] - way_m
+        travel_m = max(travel_m, math.sqrt(dot(moved, moved)))
+    left_m = seen_m[6] - travel_m
     if left_m < margin_m:
         return True
     pairs.groups.apart_m[kind, group] = pairs.lengths_m[WAY] + left_m
@@ -149,8 +149,8 @@ def serve(pairs: Pairs, pose: Array, margin_m: float, farthest_m: float) -> bool
     if moved_m(pairs.pose, pose, farthest_m) + margin_m >= lengths_m[EMPTY]:
         return False
     rotation_of(pose, turn)
-    way = minus(plus(pose, 1.0, turned(turn, pairs.middle_m[2])), pairs.middle_m[3])
-    moved = math.sqrt(dot(way, way)) + _turned_m(pairs.pose, pose, lengths_m[WIDE_RADIUS])
+    offset = minus(plus(pose, 1.0, turned(turn, pairs.middle_m[2])), pairs.middle_m[3])
+    moved = math.sqrt(dot(offset, offset)) + _turned_m(pairs.pose, pose, lengths_m[WIDE_RADIUS])
     return moved + margin_m < lengths_m[REACH]
 
 
@@ -160,8 +160,8 @@ def look(pairs: Pairs, pose: Array) -> float:
     lengths_m, turn = pairs.lengths_m, pairs.turn
     rotation_of(pose, turn)
     place = plus(pose, 1.0, turned(turn, pairs.middle_m[0]))
-    way = minus(place, pairs.middle_m[1])
-    lengths_m[WAY] += math.sqrt(dot(way, way)) + _turned_m(pairs.looked_at, pose, lengths_m[RADIUS])
+    offset = minus(place, pairs.middle_m[1])
+    lengths_m[WAY] += math.sqrt(dot(offset, offset)) + _turned_m(pairs.looked_at, pose, lengths_m[RADIUS])
     pairs.middle_m[1, 0], pairs.middle_m[1, 1], pairs.middle_m[1, 2] = place
     copy(pose, pairs.looked_at)
     return lengths_m[WAY]
@@ -170,8 +170,8 @@ def look(pairs: Pairs, pose: Array) -> float:
 @inner
 def moved_m(start: Array, end: Array, radius_m: float) -> float:
     """Way of the point that moved most of those within a radius of the centre of mass, at most."""
-    way = minus(end, start)
-    return math.sqrt(dot(way, way)) + _turned_m(start, end, radius_m)
+    offset = minus(end, start)
+    return math.sqrt(dot(offset, offset)) + _turned_m(start, end, radius_m)
 
 
 @inner

@@ -13,36 +13,36 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import ConvexHull, QhullError
 
+from toppling.models.caching import cached
 from toppling.models.compiled import Array, Flags, Indices, inner
 from toppling.models.frames import plane_axes
 from toppling.models.ground.contacts import add
 from toppling.models.ground.pairs import moved_m
 from toppling.models.ground.rigid import plus, turned
-from toppling.models.kept import kept
 from toppling.models.pedestal import Pedestal
 from toppling.models.relief import height_below
 from toppling.models.rock import Rock
 
 FLAT_SHARE = 0.01
-"""Of the rock's height: ground so near the interface plane is that plane."""
+"""Distance from the interface plane, over the rock's height, up to which ground is that plane."""
 
 FLAT_DEG = 2.0
-"""Ground that is steeper is not."""
+"""Slope up to which ground is that plane."""
 
 _ROLLED_DEG = 16.5
 """Tilt up to which a rock may roll onto ground beside the plane; farther on it tips."""
 
 _KEY = 6 << 60
-"""Of the first point's contact."""
+"""Key of the first point's contact."""
 
 _CELL_SHARE, _REACH = 0.03, 4.0
-"""Of R: size of the cells in which the ground is looked up, and how far around the rock."""
+"""Size over R of the cells in which the ground is looked up, and of the area around the rock that they cover."""
 
 _SIZES_AN_OCTAVE = 4
-"""To which R is rounded for these cells."""
+"""Number of values per octave to which R is rounded for these cells."""
 
 _LISTED_SHARE = 0.03
-"""Of R: points so near the plane are listed together."""
+"""Height over R up to which points are listed as near the plane."""
 
 
 class FlatPart(NamedTuple):
@@ -185,7 +185,7 @@ class GroundKind:
 def kind_where_it_stands(rock: Rock, pedestal: Pedestal) -> GroundKind:
     """Whether a rock stands where its pedestal is the interface plane."""
     frame = np.column_stack([*plane_axes(pedestal.normal), pedestal.normal])
-    points, com = ((each - pedestal.point_m) @ frame for each in (rock.hull_vertices_m, rock.com_m))
+    points, com = ((places - pedestal.point_m) @ frame for places in (rock.hull_vertices_m, rock.com_m))
     part = flat_part_of(pedestal, rock)
     reach_m = np.linalg.norm(points - com, axis=1).max() + 1.5 * part.cell_m
     if _look_up(part, part.rises_m, com[None, :2])[0] <= reach_m:
@@ -224,7 +224,7 @@ def flat_part_of(pedestal: Pedestal, rock: Rock, base_m: Array | None = None) ->
     if base_m is not None:
         below = _cells_within(base_m, low_m, cell_m, falls.shape)
         rises, falls = rises & ~below, falls & ~below
-    return FlatPart(low_m, cell_m, *(_distance_m(each, cell_m) for each in (falls, rises)))
+    return FlatPart(low_m, cell_m, *(_distance_m(cells, cell_m) for cells in (falls, rises)))
 
 
 def _distance_m(of: Flags, cell_m: float) -> Array:
@@ -248,7 +248,7 @@ def _cells_within(base_m: Array, low_m: Array, cell_m: float, shape: tuple[int, 
     return found
 
 
-@kept
+@cached
 def _off_plane(
     pedestal: Pedestal, size_m: float, off_m: float, centre_m: tuple[float, ...], is_drawn: bool
 ) -> tuple[Array, float, Flags, Flags]:

@@ -16,15 +16,15 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 from scipy.spatial.transform import Rotation
 
+from toppling.models.caching import cached
 from toppling.models.compiled import Array, Flags
 from toppling.models.errors import InputError
 from toppling.models.frames import plane_axes
-from toppling.models.kept import kept
 from toppling.models.relief import contact_feet_m
 from toppling.models.scene import Scene
 
 LARGEST_OPEN_TILT_DEG = 75.0
-"""Beyond this tilt a rock's fate is no longer open; points that touch only later are left out."""
+"""Tilt beyond which a rock's fate is decided; points that touch only later are left out."""
 
 _AT_A_TIME = 1024
 """Directions that are looked at together, so that a fine mesh of many thousand points takes little memory."""
@@ -104,7 +104,7 @@ def _normals_body(quaternions_xyzw: Array) -> Array:
     return np.array([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)])
 
 
-@kept
+@cached
 def contact_of(scene: Scene) -> ContactModel:
     """Contact model of a scene, made once.
 

@@ -16,10 +16,10 @@ from toppling.models.ground.rigid import dot, plus, rotation_of, turned
 from toppling.models.rounded.base import SINGULAR, Patches
 
 _MOST_PATCHES = 200
-"""From one to the next, while the lowest place is looked for."""
+"""Maximum number of patches that the search for the lowest place crosses."""
 
 _LOWER_SHARE = 1e-13
-"""Of the distance from the centre of mass: a neighbour that is lower by less is as low."""
+"""Difference in height, over the distance from the centre of mass, below which a neighbour is as low."""
 
 
 class RollingSurface(NamedTuple):
@@ -27,7 +27,7 @@ class RollingSurface(NamedTuple):
 
     corners: Array  # (k, 3, 3)
     bulges: Array  # (k, 3, 3)
-    beside: Indices  # (k, 3), -1 where the part ends
+    neighbours: Indices  # (k, 3), -1 where the part ends
     sharp: Flags  # (k, 3): ends in a crease
     vertices: Indices  # (k, 3)
     first: Indices  # patches around vertex i: around[first[i]:first[i + 1]]
@@ -35,7 +35,7 @@ class RollingSurface(NamedTuple):
     points: Array  # (p, 3)
     creases: Indices  # (c, 2): patch, edge
     lowest: Indices  # (r,): patch that was lowest last, of each part
-    shares: Array  # (3,): where a patch is lowest
+    fractions: Array  # (3,): where a patch is lowest
     down: Array  # (3,): of the plane, body axes
     seen: Array  # (9,): pose in which creases and points were looked at, their least gap, and their farthest point
 
@@ -45,7 +45,7 @@ NO_ROLLING = RollingSurface(
     np.zeros((0, 3), np.int64), np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3)),
     np.zeros((0, 2), np.int64), np.zeros(0, np.int64), np.zeros(3), np.zeros(3), np.zeros(9),
 )  # fmt: skip
-"""That of a rock which rolls on nothing smooth."""
+"""Rolling surface of a rock that has none."""
 
 
 def rolling_surface(patches: Patches, com_m: Array, scene_from_body: Array) -> RollingSurface:
@@ -54,7 +54,7 @@ def rolling_surface(patches: Patches, com_m: Array, scene_from_body: Array) -> R
     creases = np.ascontiguousarray(np.argwhere(patches.sharp))
     farthest_m = float(np.linalg.norm(body_m, axis=1).max())
     return RollingSurface(
-        body_m[patches.corners], patches.bulges_m @ scene_from_body, patches.beside, patches.sharp, patches.corners,
+        body_m[patches.corners], patches.bulges_m @ scene_from_body, patches.neighbours, patches.sharp, patches.corners,
         *patches.around, body_m[patches.points], creases, patches.parts.copy(), np.zeros(3), np.zeros(3),
         np.append(np.zeros(8), farthest_m),
     )  # fmt: skip
@@ -99,19 +99,19 @@ def _add(out: Any, count: int, key: int, place: Vector, margin_m: float, pose: A
     """Note a contact with a place of the rock if it is near the plane and there is room."""
     if not -margin_m < place[2] < margin_m or count == len(out):
         return count
-    one = out[count]
-    one.key, one.gap_m, one.lands, one.floor_m_s = key, place[2], 0, 0.0
+    contact = out[count]
+    contact.key, contact.gap_m, contact.lands, contact.floor_m_s = key, place[2], 0, 0.0
     for k in range(3):
-        one.normal[k], one.place_m[k], one.arm_m[k] = 0.0, place[k], place[k] - pose[k]
-        one.impulse[k] = 0.0
-    one.normal[2] = 1.0
+        contact.normal[k], contact.place_m[k], contact.arm_m[k] = 0.0, place[k], place[k] - pose[k]
+        contact.impulse[k] = 0.0
+    contact.normal[2] = 1.0
     return count + 1
 
 
 @inner
 def placed_on(rock: RollingSurface, patch: int) -> Vector:
     """Place on a patch, body axes, with the present shares of its corners."""
-    s, p, b = rock.shares, rock.corners[patch], rock.bulges[patch]
+    s, p, b = rock.fractions, rock.corners[patch], rock.bulges[patch]
     ab, bc, ca = s[0] * s[1], s[1] * s[2], s[2] * s[0]
     return (
         s[0] * p[0, 0] + s[1] * p[1, 0] + s[2] * p[2, 0] + ab * b[0, 0] + bc * b[1, 0] + ca * b[2, 0],
@@ -126,46 +126,46 @@ def follow(rock: RollingSurface, patch: int) -> tuple[int, bool]:
     far = 0.0
     for _ in range(_MOST_PATCHES):
         far = _lowest(rock, patch)
-        a, b, c = rock.shares[0], rock.shares[1], rock.shares[2]
+        a, b, c = rock.fractions[0], rock.fractions[1], rock.fractions[2]
         better, most = -1, far + _LOWER_SHARE * abs(far)
         if a > 0.0 and b > 0.0 and c > 0.0:
             break
         for k in range(3):
             after = (k + 1) % 3
-            if rock.shares[k] == 1.0:
+            if rock.fractions[k] == 1.0:
                 vertex = rock.vertices[patch, k]
                 for place in range(rock.first[vertex], rock.first[vertex + 1]):
                     other = _lowest(rock, rock.around[place])
                     if other > most:
                         better, most = rock.around[place], other
-            elif rock.shares[k] > 0.0 and rock.shares[after] > 0.0 and rock.beside[patch, k] >= 0:
-                other = _lowest(rock, rock.beside[patch, k])
+            elif rock.fractions[k] > 0.0 and rock.fractions[after] > 0.0 and rock.neighbours[patch, k] >= 0:
+                other = _lowest(rock, rock.neighbours[patch, k])
                 if other > most:
-                    better, most = rock.beside[patch, k], other
-            rock.shares[0], rock.shares[1], rock.shares[2] = a, b, c
+                    better, most = rock.neighbours[patch, k], other
+            rock.fractions[0], rock.fractions[1], rock.fractions[2] = a, b, c
         if better < 0:
             break
         patch = better
     on_crease = False
     for k in range(3):
-        on_crease = on_crease or (rock.sharp[patch, k] and rock.shares[(k + 2) % 3] == 0.0)
+        on_crease = on_crease or (rock.sharp[patch, k] and rock.fractions[(k + 2) % 3] == 0.0)
     return patch, on_crease
 
 
 @inner
 def _lowest(rock: RollingSurface, patch: int) -> float:
     """How far down a patch reaches from the centre of mass, and the shares there, as `patches.highest` finds them."""
-    d, s, corners, bulges = rock.down, rock.shares, rock.corners[patch], rock.bulges[patch]
+    d, s, corners, bulges = rock.down, rock.fractions, rock.corners[patch], rock.bulges[patch]
     p, q, r = dot(d, corners[0]), dot(d, corners[1]), dot(d, corners[2])
     m, n, o = dot(d, bulges[0]), dot(d, bulges[1]), dot(d, bulges[2])
     if m > 0.0 and o > 0.0:
         both, right, up, size = n - m - o, q - p + m, r - p + o, 4.0 * m * o
         det = size - both * both
-        one, other = 2.0 * o * right + both * up, 2.0 * m * up + both * right
-        if det > SINGULAR * size and one >= 0.0 and other >= 0.0 and one + other <= det:
-            one, other = one / det, other / det
-            s[0], s[1], s[2] = 1.0 - one - other, one, other
-            return s[0] * p + one * q + other * r + s[0] * one * m + one * other * n + other * s[0] * o
+        t, u = 2.0 * o * right + both * up, 2.0 * m * up + both * right
+        if det > SINGULAR * size and t >= 0.0 and u >= 0.0 and t + u <= det:
+            t, u = t / det, u / det
+            s[0], s[1], s[2] = 1.0 - t - u, t, u
+            return s[0] * p + t * q + u * r + s[0] * t * m + t * u * n + u * s[0] * o
     a, at_a = _edge(p, q, m)
     b, at_b = _edge(q, r, n)
     c, at_c = _edge(r, p, o)
@@ -194,6 +194,6 @@ def lowest_within(rock: RollingSurface, patch: int, edge: int) -> bool:
     after = (edge + 1) % 3
     start, end = dot(rock.down, rock.corners[patch, edge]), dot(rock.down, rock.corners[patch, after])
     share, _ = _edge(start, end, dot(rock.down, rock.bulges[patch, edge]))
-    rock.shares[0] = rock.shares[1] = rock.shares[2] = 0.0
-    rock.shares[edge], rock.shares[after] = 1.0 - share, share
+    rock.fractions[0] = rock.fractions[1] = rock.fractions[2] = 0.0
+    rock.fractions[edge], rock.fractions[after] = 1.0 - share, share
     return 0.0 < share < 1.0

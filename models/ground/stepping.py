@@ -46,22 +46,22 @@ from toppling.models.ground.rigid import (
 from toppling.models.ground.rolling import RollingSurface, rolling_contacts
 
 _MOST_IMPACTS = 20
-"""In a step; contacts that close later in it are met at its end."""
+"""Maximum number of impacts in a step; contacts that close later in it are met at its end."""
 
 TOUCHING_SHARE = 2e-6
-"""Of R: a contact so near carries, and comes no nearer: small gaps that differ are none."""
+"""Gap over R up to which a contact carries, and is not closed further."""
 
 _TOUCHING_PLANE_SHARE = 1e-8
-"""The same of contacts with the plane, all of which have the same normal and gaps that are exact."""
+"""Such a gap of contacts with the plane, whose normals are equal and whose gaps are exact."""
 
 _NEAR = 20.0
-"""Times the gap up to which contacts touch: so near, those that land and those that carry are one impact."""
+"""Factor on that gap up to which contacts that land and contacts that carry belong to one impact."""
 
 _MARGIN_SHARE = 1e-4
-"""Of R: contacts so near are looked at in a step, and those to which what may touch comes with twice its speed."""
+"""Gap over R up to which contacts enter a step, besides those that close at twice their present speed."""
 
 _ENOUGH, _ENOUGH_IN_IMPACT = 2e-6, 1e-9
-"""Over the speed that gravity gives in a step, and over that of an impact: velocities of contacts that are let go."""
+"""Tolerances on contact velocities, over the speed that gravity gives in a step and over that of an impact."""
 
 _CUT_TOO_EARLY = (1e-6, 1e-6, 1e-4, np.inf)
 """Share of a substep by which a contact may close before its end, in the first and further tries to end it there."""
@@ -70,7 +70,7 @@ _RETURNED = 0.2
 """Share of a penetration that a step takes back, by moving the rock without giving it speed."""
 
 SECTORS = 16
-"""Of the directions in which the loads on a rock at rest lean."""
+"""Number of directions in which the loads on a rock at rest lean."""
 
 
 class Work(NamedTuple):
@@ -132,14 +132,14 @@ class Grounded(NamedTuple):
 @inner
 def step(sim: Grounded, begin_s: float, pose: Array, velocity: Array) -> None:
     """Move by as many steps as are taken at once, cut at impacts."""
-    gone, step_s = 0.0, _step_s(sim)
+    elapsed, step_s = 0.0, _step_s(sim)
     for impact in range(_MOST_IMPACTS + 1):
-        left = step_s - gone
+        left = step_s - elapsed
         if left <= 1e-9 * step_s:
             return
         cut = np.inf
         for early in _CUT_TOO_EARLY:
-            since = begin_s + gone
+            since = begin_s + elapsed
             increment = velocity_increment_m_s(
                 sim.excitation, sim.sample_s, sim.gravity_m_s2, since, since + left
             )
@@ -147,7 +147,7 @@ def step(sim: Grounded, begin_s: float, pose: Array, velocity: Array) -> None:
             left, done = min(cut, left), not 0.0 < cut < left
             if done:
                 break
-        gone += left
+        elapsed += left
         sim.counts[3] += 1
         if cut < np.inf:
             _impact(sim, pose, velocity)
@@ -203,15 +203,14 @@ def advance(
     closes, lands = np.inf, -1
     if not whole:
         for i in range(count, len(sim.trial)):
-            one = sim.trial[i]
-            if one.lands == 0:
+            contact = sim.trial[i]
+            if contact.lands == 0:
                 break
-            rate = _rate(one, free)
-            at_end = one.gap_m + 0.5 * step_s * (rate + 0.25 * step_s * _arc_m_s2(one, free))
+            rate = _rate(contact, free)
+            at_end = contact.gap_m + 0.5 * step_s * (rate + 0.25 * step_s * _arc_m_s2(contact, free))
             if at_end < 0.0 and -rate > sim.resolved_m_s:
-                soon = max(
-                    step_s - _since_closed_s(at_end, rate, _rate(one, velocity), step_s), 1e-6 * _step_s(sim)
-                )
+                before = _rate(contact, velocity)
+                soon = max(step_s - _since_closed_s(at_end, rate, before, step_s), 1e-6 * _step_s(sim))
                 if soon < closes:
                     closes, lands = soon, i
         if closes < (1.0 - early) * step_s:
@@ -242,22 +241,22 @@ def _choose(sim: Grounded, count: int, step_s: float, reach_m: float, velocity: 
     """
     touching, chosen = touching_m(sim), 0
     for i in range(count):
-        one = sim.trial[i]
-        at_start = one.gap_m - 0.5 * step_s * _rate(one, velocity)
-        closing = -_rate(one, sim.work.free)
+        contact = sim.trial[i]
+        at_start = contact.gap_m - 0.5 * step_s * _rate(contact, velocity)
+        closing = -_rate(contact, sim.work.free)
         carries = whole or at_start <= touching or closing <= sim.resolved_m_s
         near = at_start < _NEAR * TOUCHING_SHARE * sim.size_m
         if near and not whole and (at_start <= touching or not carries):
-            k = _place_among_latest(sim, one)
-            carried = k >= 0 and dot(sim.contacts[k].impulse, one.normal) > 0.0
-            known = k >= 0 and (carried or at_start < _NEAR * touching)
-            if at_start <= touching and not known and -_rate(one, velocity) > sim.resolved_m_s:
+            k = _place_among_latest(sim, contact)
+            was_loaded = k >= 0 and dot(sim.contacts[k].impulse, contact.normal) > 0.0
+            known = k >= 0 and (was_loaded or at_start < _NEAR * touching)
+            if at_start <= touching and not known and -_rate(contact, velocity) > sim.resolved_m_s:
                 return -1
             carries = carries or known
-        one.lands = 0 if carries else 1
+        contact.lands = 0 if carries else 1
         if carries:
-            one.floor_m_s = -2.0 * max(one.gap_m - touching, 0.0) / step_s
-            if one.gap_m < reach_m + touching:
+            contact.floor_m_s = -2.0 * max(contact.gap_m - touching, 0.0) / step_s
+            if contact.gap_m < reach_m + touching:
                 if i != chosen:
                     sim.work.spare[0] = sim.trial[chosen]
                     sim.trial[chosen] = sim.trial[i]
@@ -282,12 +281,12 @@ def touching_m(sim: Grounded) -> float:
 
 
 @inner
-def _place_among_latest(sim: Grounded, one: Any) -> int:
+def _place_among_latest(sim: Grounded, contact: Any) -> int:
     """Where a contact stands among those of the latest substep, of one key the nearest; -1 where it is none of them."""
     found, least = -1, np.inf
     for k in range(sim.counts[0]):
-        if sim.contacts[k].key == one.key:
-            far = square(minus(sim.contacts[k].arm_m, one.arm_m))
+        if sim.contacts[k].key == contact.key:
+            far = square(minus(sim.contacts[k].arm_m, contact.arm_m))
             if far < least:
                 found, least = k, far
     return found
@@ -312,26 +311,24 @@ def _warm(sim: Grounded, count: int, step_s: float, velocity: Array) -> Vector:
     for k in range(sim.counts[0]):
         sim.contacts[k].lands = 0
     for i in range(count):
-        one, k = sim.trial[i], _place_among_latest(sim, sim.trial[i])
+        contact, k = sim.trial[i], _place_among_latest(sim, sim.trial[i])
         if k < 0:
             continue
         last = sim.contacts[k]
         if last.lands == 0:  # of one key only one goes on with its impulse
             for axis in range(3):
-                one.impulse[axis] = step_s / _step_s(sim) * last.impulse[axis]
+                contact.impulse[axis] = step_s / _step_s(sim) * last.impulse[axis]
             last.lands = 1
-        way = minus(one.arm_m, last.arm_m)
-        if square(way) > farthest_m * farthest_m:  # farther than it has turned: at once on another place
+        offset = minus(contact.arm_m, last.arm_m)
+        if square(offset) > farthest_m * farthest_m:  # farther than it has turned: at once on another place
             continue
-        along, rises_m_s = (
-            dot(one.impulse, one.normal),
-            ahead * (_rate(one, velocity) - _rate(last, velocity)),
-        )
-        off_m = one.gap_m - touching_m(sim) - 0.25 * step_s * rises_m_s
+        along = dot(contact.impulse, contact.normal)
+        rises_m_s = ahead * (_rate(contact, velocity) - _rate(last, velocity))
+        off_m = contact.gap_m - touching_m(sim) - 0.25 * step_s * rises_m_s
         # One that carries is not let go by what its gap is off, however short the substep is.
         within_s = _step_s(sim) if along > 0.0 else step_s
-        one.floor_m_s = -max(2.0 * off_m / within_s + rises_m_s, 0.0)
-        gained, push = plus(gained, along, cross(spin, way)), plus(push, along, one.normal)
+        contact.floor_m_s = -max(2.0 * off_m / within_s + rises_m_s, 0.0)
+        gained, push = plus(gained, along, cross(spin, offset)), plus(push, along, contact.normal)
         pressed += along
     pushes = square(push)
     if not pushes > 0.0:
@@ -354,8 +351,8 @@ def _impact(sim: Grounded, pose: Array, velocity: Array) -> None:
     near_m += 0.0 if on_plane else 0.5 * square(velocity[3:]) * _step_s(sim) ** 2 * sim.size_m
     found, count = _contacts(sim, pose, near_m), 0
     for i in range(found):
-        one = sim.trial[i]
-        known = one.gap_m < _NEAR * touching_m(sim) or _place_among_latest(sim, one) >= 0
+        contact = sim.trial[i]
+        known = contact.gap_m < _NEAR * touching_m(sim) or _place_among_latest(sim, contact) >= 0
         if known or not on_plane:
             if i != count:
                 sim.trial[count] = sim.trial[i]
@@ -434,9 +431,9 @@ def _take_back(sim: Grounded, count: int, step_s: float, pose: Array, velocity: 
     """Move the rock out of what it has penetrated, by a share, without giving it speed."""
     deepest = 0.0
     for i in range(count):
-        one = sim.contacts[i]
-        gap = one.gap_m + 0.5 * step_s * _rate(one, velocity)
-        one.floor_m_s = max(-gap, 0.0) * _RETURNED
+        contact = sim.contacts[i]
+        gap = contact.gap_m + 0.5 * step_s * _rate(contact, velocity)
+        contact.floor_m_s = max(-gap, 0.0) * _RETURNED
         deepest = max(deepest, -gap)
     if deepest <= 0.1 * TOUCHING_SHARE * sim.size_m:
         return
@@ -445,11 +442,11 @@ def _take_back(sim: Grounded, count: int, step_s: float, pose: Array, velocity: 
         shift[k] = 0.0
     for _ in range(8):
         for i in range(count):
-            one = sim.contacts[i]
-            missing = one.floor_m_s - _rate(one, shift)
+            contact = sim.contacts[i]
+            missing = contact.floor_m_s - _rate(contact, shift)
             if missing <= 0.0:
                 continue
-            n, r = one.normal, one.arm_m
+            n, r = contact.normal, contact.arm_m
             arm = cross(r, n)
             mobility = 1.0
             for a in range(3):
@@ -495,16 +492,16 @@ def _contacts(sim: Grounded, pose: Array, margin: float) -> int:
 
 
 @inner
-def _arc_m_s2(one: Any, velocity: Array) -> float:
+def _arc_m_s2(contact: Any, velocity: Array) -> float:
     """Acceleration of a contact's gap because the rock turns, with no acceleration of its centre of mass."""
     spin = (velocity[3], velocity[4], velocity[5])
-    return dot(one.normal, cross(spin, cross(spin, one.arm_m)))
+    return dot(contact.normal, cross(spin, cross(spin, contact.arm_m)))
 
 
 @inner
-def _rate(one: Any, velocity: Array) -> float:
+def _rate(contact: Any, velocity: Array) -> float:
     """Rate of a contact's gap at a velocity (6,)."""
-    n, r = one.normal, one.arm_m
+    n, r = contact.normal, contact.arm_m
     return (
         n[0] * (velocity[0] + velocity[4] * r[2] - velocity[5] * r[1])
         + n[1] * (velocity[1] + velocity[5] * r[0] - velocity[3] * r[2])

@@ -59,15 +59,15 @@ def stick_at_once(at: Touching) -> bool:
     least do not lie in their cones, those that are smallest are tried, and then those that follow the load.
     """
     for i in range(at.number):
-        one = at.contacts[i]
-        at.room.sticks[i] = 1 if dot(one.impulse, one.normal) > 0.0 else 0
+        contact = at.contacts[i]
+        at.room.sticks[i] = 1 if dot(contact.impulse, contact.normal) > 0.0 else 0
     clamped = _clamp(at)
     if clamped.number == 0 or not _moves_right(at, clamped):
         return False
-    for kept in (1.0, 0.0):
-        shares = _shares(at, clamped, kept)
-        if _all_stick(at, clamped, shares):
-            _apply(at, clamped, shares)
+    for retained in (1.0, 0.0):
+        parts = _sticking_parts(at, clamped, retained)
+        if _all_stick(at, clamped, parts):
+            _apply(at, clamped, parts)
             return True
     return _share_by_load(at, clamped)
 
@@ -98,25 +98,25 @@ def _clamp(at: Touching) -> _Clamped:
 
 
 @inner
-def _shares(at: Touching, clamped: _Clamped, kept: float) -> tuple[float, Vector, Vector]:
+def _sticking_parts(at: Touching, clamped: _Clamped, retained: float) -> tuple[float, Vector, Vector]:
     """What a contact keeps of its impulse, what it takes of the force, and of the moment over its way from the middle.
 
     Where none is kept, they share all that they carry together.
     """
-    force, moment = (clamped.force, clamped.moment) if kept > 0.0 else _carried(at, clamped)
+    force, moment = (clamped.force, clamped.moment) if retained > 0.0 else _loads_carried(at, clamped)
     n = clamped.number
-    return kept, (force[0] / n, force[1] / n, force[2] / n), _times(clamped.bends, moment)
+    return retained, (force[0] / n, force[1] / n, force[2] / n), _times(clamped.bends, moment)
 
 
 @inner
-def _carried(at: Touching, clamped: _Clamped) -> tuple[Vector, Vector]:
+def _loads_carried(at: Touching, clamped: _Clamped) -> tuple[Vector, Vector]:
     """What contacts carry together once the motion has changed: the force, and the moment about their middle."""
     force, moment = clamped.force, clamped.moment
     for i in range(at.number):
         if at.room.sticks[i] == 1:
-            one = at.contacts[i]
-            force = plus(force, 1.0, one.impulse)
-            moment = plus(moment, 1.0, cross(minus(one.arm_m, clamped.middle_m), one.impulse))
+            contact = at.contacts[i]
+            force = plus(force, 1.0, contact.impulse)
+            moment = plus(moment, 1.0, cross(minus(contact.arm_m, clamped.middle_m), contact.impulse))
     return force, moment
 
 
@@ -128,7 +128,7 @@ def _share_by_load(at: Touching, clamped: _Clamped) -> bool:
     there, none where it would pull, so that the load's centre becomes that of the weights and friction is shared as
     pressure is. Changes nothing where they do not stick.
     """
-    weights, (force, moment) = at.room.weights, _carried(at, clamped)
+    weights, (force, moment) = at.room.weights, _loads_carried(at, clamped)
     for i in range(at.number):
         weights[i] = 1.0 if _rests(at, _lacks_then(at, at.contacts[i], clamped)) else 0.0
     for _ in range(_SHARED_ANEW):
@@ -151,9 +151,9 @@ def _share_by_load(at: Touching, clamped: _Clamped) -> bool:
 
 
 @inner
-def _lacks_then(at: Touching, one: Any, clamped: _Clamped) -> Vector:
+def _lacks_then(at: Touching, contact: Any, clamped: _Clamped) -> Vector:
     """Velocity that a contact lacks once the motion has changed."""
-    return minus(_missing_at(at, one), plus(clamped.force, 1.0, cross(clamped.spin, one.arm_m)))
+    return minus(_missing_at(at, contact), plus(clamped.force, 1.0, cross(clamped.spin, contact.arm_m)))
 
 
 @inner
@@ -227,27 +227,28 @@ def _take(at: Touching, i: int, impulse: Vector) -> None:
 
 
 @inner
-def _new_impulse(one: Any, clamped: _Clamped, shares: tuple[float, Vector, Vector]) -> Vector:
-    kept, share, bending = shares
-    return plus(plus(share, kept, one.impulse), 1.0, cross(bending, minus(one.arm_m, clamped.middle_m)))
+def _new_impulse(contact: Any, clamped: _Clamped, parts: tuple[float, Vector, Vector]) -> Vector:
+    retained, share, bending = parts
+    arm_m = minus(contact.arm_m, clamped.middle_m)
+    return plus(plus(share, retained, contact.impulse), 1.0, cross(bending, arm_m))
 
 
 @inner
-def _apply(at: Touching, clamped: _Clamped, shares: tuple[float, Vector, Vector]) -> None:
+def _apply(at: Touching, clamped: _Clamped, parts: tuple[float, Vector, Vector]) -> None:
     _move(at, clamped)
     for i in range(at.number):
         if at.room.sticks[i] == 1:
-            _take(at, i, _new_impulse(at.contacts[i], clamped, shares))
+            _take(at, i, _new_impulse(at.contacts[i], clamped, parts))
 
 
 @inner
 def _moves_right(at: Touching, clamped: _Clamped) -> bool:
     """Whether with the change of the motion all that are to stick are at rest, and no other contact closes."""
     for i in range(at.number):
-        one = at.contacts[i]
-        lacks = _lacks_then(at, one, clamped)
+        contact = at.contacts[i]
+        lacks = _lacks_then(at, contact, clamped)
         if at.room.sticks[i] == 0:
-            if dot(lacks, one.normal) > at.enough_m_s:
+            if dot(lacks, contact.normal) > at.enough_m_s:
                 return False
         elif not _rests(at, lacks):
             return False
@@ -255,10 +256,10 @@ def _moves_right(at: Touching, clamped: _Clamped) -> bool:
 
 
 @inner
-def _all_stick(at: Touching, clamped: _Clamped, shares: tuple[float, Vector, Vector]) -> bool:
+def _all_stick(at: Touching, clamped: _Clamped, parts: tuple[float, Vector, Vector]) -> bool:
     """Whether the new impulses of all that are to stick press, and lie in their cones."""
     for i in range(at.number):
-        if at.room.sticks[i] == 1 and not _is_in_cone(at, i, _new_impulse(at.contacts[i], clamped, shares)):
+        if at.room.sticks[i] == 1 and not _is_in_cone(at, i, _new_impulse(at.contacts[i], clamped, parts)):
             return False
     return True
 
@@ -289,11 +290,11 @@ def _friction(impulse: Any, normal: Any) -> float:
 
 
 @inner
-def _missing_at(at: Touching, one: Any) -> Vector:
+def _missing_at(at: Touching, contact: Any) -> Vector:
     """Velocity that a contact lacks, to move with its floor along its normal and not at all across it."""
     v, w = at.velocity, (at.velocity[3], at.velocity[4], at.velocity[5])
-    moves = plus(v, 1.0, cross(w, one.arm_m))
-    n, floor = one.normal, one.floor_m_s
+    moves = plus(v, 1.0, cross(w, contact.arm_m))
+    n, floor = contact.normal, contact.floor_m_s
     return floor * n[0] - moves[0], floor * n[1] - moves[1], floor * n[2] - moves[2]
 
 
@@ -308,8 +309,8 @@ def _missing(at: Touching, middle_m: Vector, number: int) -> tuple[Vector, Vecto
     for i in range(at.number):
         if at.room.sticks[i] == 0:
             continue
-        one = at.contacts[i]
-        lacks, r = _missing_at(at, one), minus(one.arm_m, middle_m)
+        contact = at.contacts[i]
+        lacks, r = _missing_at(at, contact), minus(contact.arm_m, middle_m)
         total, turning = plus(total, 1.0, lacks), plus(turning, 1.0, cross(r, lacks))
         spread = _spread_with(spread, 1.0, r)
         if square(r) > far:

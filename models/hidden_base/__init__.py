@@ -1,8 +1,7 @@
 """The hidden base: what a scan saw of the gap, and draws of the base that it did not see."""
 
 __all__ = [
-    "draws",
-    "from_scan",
+    "draw_bases",
     "gap",
     "inspection",
     "intervals",
@@ -10,4 +9,5 @@ __all__ = [
     "observed",
     "rough_base",
     "standing",
+    "unseen_base",
 ]  # fmt: skip

@@ -35,7 +35,7 @@ _ROUNDED_PER_WIDTH = (
     (0.012, 0.7, (2.0, 4.0)),
     (0.048, 2.0, (2.0, 4.0)),
 )
-"""What a rounded base has beside its bowl: relief and its length, over the root of its area; and the bowl's powers."""
+"""Priors of a rounded base: relief and its length, over the root of its area, and the bowl's powers."""
 _ROUNDED_ROUGH_PER_WIDTH = 0.002
 _ROUNDED_SLOPE = 0.05
 """Standard deviation of a rounded base's slope: where its weight is decided how it lies, and not its shape."""
@@ -84,7 +84,7 @@ def flat_draws(part: HiddenPart, base: Base, count: int) -> list[GapDraw]:
     ]
 
 
-def shares_by_evidence(gaps: Sequence[GapDraw]) -> dict[str, float]:
+def fractions_by_evidence(gaps: Sequence[GapDraw]) -> dict[str, float]:
     """How likely each kind is by the rim that was seen; their sum is 1.
 
     What a draw costs to be brought to stand is left out: a rim does not tell a flat base from one that is rough by less
@@ -92,15 +92,15 @@ def shares_by_evidence(gaps: Sequence[GapDraw]) -> dict[str, float]:
     """
     likelihood = np.array([gap.log_likelihood for gap in gaps])
     kind = np.array([gap.kind for gap in gaps])
-    found = [each for each in KINDS if (kind == each).any()]
-    evidence = [logsumexp(likelihood[kind == each]) - np.log((kind == each).sum()) for each in found]
-    told = _EVIDENCE_SHARE * (np.array(evidence) - np.max(evidence))
-    least = [-np.inf if each == FLAT else np.log(_LEAST_EVIDENCE) for each in found]
-    logs = np.maximum(told, least) + np.log([BEFORE[each] for each in found])
+    found = [name for name in KINDS if (kind == name).any()]
+    evidence = [logsumexp(likelihood[kind == name]) - np.log((kind == name).sum()) for name in found]
+    relative = _EVIDENCE_SHARE * (np.array(evidence) - np.max(evidence))
+    least = [-np.inf if name == FLAT else np.log(_LEAST_EVIDENCE) for name in found]
+    logs = np.maximum(relative, least) + np.log([BEFORE[name] for name in found])
     return dict(zip(found, np.exp(logs - logsumexp(logs)).tolist(), strict=True))
 
 
-def mixed_weights(gaps: Sequence[GapDraw], shares: Mapping[str, float]) -> Array:
+def mixed_weights(gaps: Sequence[GapDraw], fractions: Mapping[str, float]) -> Array:
     """Weights (n,) of candidates, of which each kind has its share; within it they are those of its priors.
 
     The rim tells priors of a kind from each other as little as it tells the kinds.
@@ -109,8 +109,8 @@ def mixed_weights(gaps: Sequence[GapDraw], shares: Mapping[str, float]) -> Array
     log_weight = np.array([gap.log_weight for gap in gaps]) - (1.0 - _EVIDENCE_SHARE) * likelihood
     kind = np.array([gap.kind for gap in gaps])
     weight = np.zeros(len(gaps))
-    for each, share in shares.items():
-        of_kind = kind == each
+    for name, share in fractions.items():
+        of_kind = kind == name
         if of_kind.any():
             count = int(of_kind.sum())
             own = conditioned(

@@ -60,7 +60,7 @@ class Relief:
         paraboloid = 0.5 * self.curvature_per_m * (off_m**2).sum(axis=1)
         shape += np.outer(paraboloid, paraboloid) + self.slope**2 * (off_m @ off_m.T)
         if self.bowl_m:
-            bowls = self.bowl_m * _way_out(places_m)[:, None] ** np.array(self.bowl_powers)
+            bowls = self.bowl_m * _outward_way(places_m)[:, None] ** np.array(self.bowl_powers)
             shape += bowls @ bowls.T
         return self.level_m**2 + shape + self.rough_m**2 * _matern(apart / self.rough_length_m)
 
@@ -105,7 +105,7 @@ class GapDraw:
     log_likelihood: float = 0.0  # of the seen rim alone, given the places known to touch
 
 
-def _way_out(places_m: Array) -> Array:
+def _outward_way(places_m: Array) -> Array:
     """Share (n,) of the way from the middle of places to their convex outline: 0 in the middle, 1 on the outline."""
     outline, middle = ConvexHull(places_m).equations, places_m.mean(axis=0)
     reach = -(outline[:, :2] @ middle + outline[:, 2])
@@ -429,7 +429,7 @@ class Underside:
         widest, shown = None, depth_of_holes(grid, lit) == 0.0
         if side is not None:
             ends = side.in_range(grid.nodes_m) & (side.share_out(grid.nodes_m) > _LIT_ENDS_SHARE)
-            hidden, widest = _gone_on(grid, side, hidden, ~seen & ~(shown & ends))
+            hidden, widest = _extended(grid, side, hidden, ~seen & ~(shown & ends))
         feet = _feet(grid, seen, shown)
         passed = bool(hidden.any() and (hidden & shown).sum() >= _PASSED_SHARE * hidden.sum())
         if on_feet := _stands_on_feet(grid, seen, hidden, feet, passed):
@@ -515,7 +515,7 @@ def _within_rim(seen: Flags) -> Flags:
     return hidden
 
 
-def _gone_on(grid: Grid, side: UnseenSide, hidden: Flags, free: Flags) -> tuple[Flags, Flags]:
+def _extended(grid: Grid, side: UnseenSide, hidden: Flags, free: Flags) -> tuple[Flags, Flags]:
     """Cells of the base on the likeliest outline of the side that nobody saw, and on any.
 
     hidden: within what was seen of the rim.

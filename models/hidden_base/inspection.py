@@ -14,7 +14,7 @@ from toppling.models.files.table import Table, places_in
 from toppling.models.scan.hints_file import FLAT, KINDS, outside_cloud
 
 _LEAST_TOUCHES = 3
-"""On fewer no rock stands."""
+"""Least number of contacts on which a rock stands."""
 _TOUCHES, _OPEN = ("touch", "contact", "1"), ("daylight", "open", "gap", "0")
 
 

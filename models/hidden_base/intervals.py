@@ -12,7 +12,7 @@ from toppling.models.frames import compass_deg, quadrant_of
 FEW_DISTINCT = 10
 """Different draws below which an interval says little."""
 _LIFTS_EARLY = 0.1
-"""Share of the toppling acceleration by which lift-off comes before it, so that both are told."""
+"""Share of the toppling acceleration by which lift-off comes before it, so that both are stated."""
 LOOK, PULL = "look", "pull"
 _AS_IT_WAS = 0.05
 """Relative change of an interval's width that draws of other random numbers bring too."""
@@ -29,7 +29,7 @@ def base_sentences(report: Mapping[str, Any]) -> list[str]:
     if contradiction := found.get("contradiction"):
         return [f"warning: what was seen contradicts that the rock stands: {contradiction}"]
     table = found["toppling"]
-    least = min(table, key=lambda each: each["median_m_s2"])
+    least = min(table, key=lambda row: row["median_m_s2"])
     share = f"{100 * found['level']:.0f} % of {found['draws']} bases that agree with all that was seen"
     few, _, many = found["contacts"]["count"]
     com = np.array(found["com_m"])
@@ -42,20 +42,20 @@ def base_sentences(report: Mapping[str, Any]) -> list[str]:
         + f" m (x, y, z) in {100 * found['level']:.0f} % of these bases",
     ]
     if kinds := found.get("kinds"):
-        counted = sorted(kinds.items(), key=lambda each: -each[1]["draws"])
-        told = ", ".join(f"{kind} {100 * each['draws'] / found['draws']:.0f} %" for kind, each in counted)
-        sentences.append(f"kind of the base, by its rim and hints: {told}")
+        counted = sorted(kinds.items(), key=lambda row: -row[1]["draws"])
+        words = ", ".join(f"{kind} {100 * row['draws'] / found['draws']:.0f} %" for kind, row in counted)
+        sentences.append(f"kind of the base, by its rim and hints: {words}")
     if opening := found.get("lift_off"):
-        sentences += _lift_off_told(table, opening)
+        sentences += _lift_off_sentences(table, opening)
     if "without_inspection" in found:
-        sentences.append(inspection_told(table, found["without_inspection"]))
+        sentences.append(inspection_sentence(table, found["without_inspection"]))
     sentences += [
-        f"warning: a gap of {each['gap_m']:.2g} m was seen where place {each['place']} that is said to touch lies: the "
+        f"warning: a gap of {row['gap_m']:.2g} m was seen where place {row['place']} that is said to touch lies: the "
         "bases touch there as said; check it"
-        for each in found.get("touches_at_gaps", [])
+        for row in found.get("touches_at_gaps", [])
     ]
     if candidates := found.get("next_observations"):
-        sentences.append(_narrowing_told(candidates, median_width(table)))
+        sentences.append(_narrowing_sentence(candidates, median_width(table)))
     distinct = found.get("distinct", found["draws"])
     if distinct < FEW_DISTINCT:
         sentences.append(
@@ -70,28 +70,28 @@ def base_sentences(report: Mapping[str, Any]) -> list[str]:
     return sentences
 
 
-def _narrowing_told(found: Sequence[Mapping[str, Any]], now: float) -> str:
+def _narrowing_sentence(found: Sequence[Mapping[str, Any]], now: float) -> str:
     """Observations in words, the one that narrows most first, against the present width."""
-    said = []
-    for each in sorted(found, key=lambda each: each["width"]):
-        first, last = quadrant_of(each["from_deg"]), quadrant_of(each["to_deg"])
+    parts = []
+    for look in sorted(found, key=lambda look: look["width"]):
+        first, last = quadrant_of(look["from_deg"]), quadrant_of(look["to_deg"])
         name = (
             f"a pull toward {first}"
-            if each["kind"] == PULL
+            if look["kind"] == PULL
             else f"seeing whether it touches between {last} and {first}"
         )
-        said.append(f"{100 * each['width']:.0f} % after {name}")
-    return f"expected width of the interval, now {100 * now:.0f} % of its median: {', '.join(said)}"
+        parts.append(f"{100 * look['width']:.0f} % after {name}")
+    return f"expected width of the interval, now {100 * now:.0f} % of its median: {', '.join(parts)}"
 
 
 def median_width(table: list[dict[str, Any]]) -> float:
     """Median over azimuths of an interval's width over its median."""
     return float(np.median([
-        (each["high_m_s2"] - each["low_m_s2"]) / max(each["median_m_s2"], 1e-9) for each in table
+        (row["high_m_s2"] - row["low_m_s2"]) / max(row["median_m_s2"], 1e-9) for row in table
     ]))  # fmt: skip
 
 
-def _lift_off_told(table: list[dict[str, Any]], opening: list[dict[str, Any]]) -> list[str]:
+def _lift_off_sentences(table: list[dict[str, Any]], opening: list[dict[str, Any]]) -> list[str]:
     """Where contacts open long before the rock overturns: both, at the azimuth at which they open first."""
     least = min(range(len(table)), key=lambda row: opening[row]["median_m_s2"])
     lifts, topples = opening[least], table[least]
@@ -104,7 +104,7 @@ def _lift_off_told(table: list[dict[str, Any]], opening: list[dict[str, Any]]) -
     ]
 
 
-def inspection_told(table: list[dict[str, Any]], before: list[dict[str, Any]] | None) -> str:
+def inspection_sentence(table: list[dict[str, Any]], before: list[dict[str, Any]] | None) -> str:
     """What hints do to the interval, with its width in both cases."""
     if before is None:
         return "without what is known by inspection no base agreed"
@@ -116,5 +116,5 @@ def inspection_told(table: list[dict[str, Any]], before: list[dict[str, Any]] | 
     return f"what is known by inspection {does}: {change}"
 
 
-def _interval(each: dict[str, Any]) -> str:
-    return f"{each['low_m_s2']:.2f} to {each['high_m_s2']:.2f} m/s² (median {each['median_m_s2']:.2f})"
+def _interval(row: dict[str, Any]) -> str:
+    return f"{row['low_m_s2']:.2f} to {row['high_m_s2']:.2f} m/s² (median {row['median_m_s2']:.2f})"

@@ -50,7 +50,7 @@ def near_the_interface(rock: Array, pedestal: Array, height_m: float) -> tuple[F
 
 
 LEVELS = 24
-"""Over a rock's height, in which outlines are taken."""
+"""Number of levels over a rock's height at which outlines are taken."""
 _LEAST_PATCHES = 3
 """Fewest patches of a level in a direction."""
 _FITTED = 8
@@ -84,8 +84,8 @@ class SidesSeen:
             level * SECTORS + sectors(side[:, :2] - middle_m),
         )
         radii = np.full(LEVELS * SECTORS, np.nan)
-        for each in np.flatnonzero(np.bincount(cell, minlength=len(radii)) >= _LEAST_PATCHES):
-            radii[each] = np.median(away_m[cell == each])
+        for number in np.flatnonzero(np.bincount(cell, minlength=len(radii)) >= _LEAST_PATCHES):
+            radii[number] = np.median(away_m[cell == number])
         levels_m = low_m + (np.arange(LEVELS) + 0.5) * (high_m - low_m) / LEVELS
         return cls(middle_m, levels_m, radii.reshape(LEVELS, SECTORS))
 
@@ -107,25 +107,25 @@ class SidesSeen:
                 continue
             farther_m = (self.radii_m[:, sector] - mean_m)[own[:_FITTED]]
             lowest_m = self.levels_m[own[:_FITTED]]
-            slope, foot_m = np.polyfit(lowest_m - lowest_m[0], farther_m, 1)
-            away_m = mean_m[level] + foot_m - slope * min(depth_m, span_m)
+            slope, intercept_m = np.polyfit(lowest_m - lowest_m[0], farther_m, 1)
+            away_m = mean_m[level] + intercept_m - slope * min(depth_m, span_m)
             turn = (sector + 0.5) * 2.0 * np.pi / SECTORS - np.pi
-            way = np.array([np.cos(turn), np.sin(turn)])
-            places.append(np.append(self.middle_m + max(away_m, 0.0) * way, _SPREAD * depth_m))
+            direction = np.array([np.cos(turn), np.sin(turn)])
+            places.append(np.append(self.middle_m + max(away_m, 0.0) * direction, _SPREAD * depth_m))
         return np.array(places).reshape(-1, 3)
 
     def _mean_m(self, shown: Indices) -> Array:
         """Mean distance (LEVELS,) of the sides in some directions; between levels that show a side, on the way."""
         at = np.arange(LEVELS)
         known = [np.flatnonzero(np.isfinite(self.radii_m[:, k])) for k in shown]
-        each = [np.interp(at, own, self.radii_m[own, k]) for k, own in zip(shown, known, strict=True)]
-        return np.asarray(np.mean(each, axis=0))
+        profiles = [np.interp(at, own, self.radii_m[own, k]) for k, own in zip(shown, known, strict=True)]
+        return np.asarray(np.mean(profiles, axis=0))
 
 
 DRAWN = 16
 """Outlines that are drawn; lines of the weight take turns."""
 _UNSEEN_DEG = 70.0
-"""From so wide a range without any of the rim on: four feet at the corners of a block lie 60 degrees apart."""
+"""Least width of a range of directions without any of the rim: four feet at corners lie 60 degrees apart."""
 _SURMISED_DEG = 50.0
 """Least such range as it looks from the middle of what was seen, from which it is narrower."""
 _LEAST_SHARE = 0.1
@@ -133,8 +133,8 @@ _LEAST_SHARE = 0.1
 _LOWEST_SHARE = 0.2
 """Share of a direction's points, the lowest, that tell how far the rim is there."""
 _LEAST_TURN_DEG, _MOST_TURN_DEG = 25.0, 88.0
-"""Between the straight line and an outline at its ends: roughness shows normals that an outline does not have, and of a
-side seen from the front alone a half circle is left."""
+"""Least and largest angle between the straight line and an outline at its ends: roughness shows normals that an outline
+does not have, and of a side seen from the front alone a half circle is left."""
 _FULLEST = 2.5
 """Weight of the fullest drawn outline over that of the circle's arc; of eight known rocks .6 to 2.2."""
 _SAMPLES, _DIRECTIONS = 65, 720
@@ -190,7 +190,7 @@ class UnseenSide:
         rim = _Rim.about(middle_m, low, led_down)
         share = (np.arange(DRAWN) + 0.5) / DRAWN
         radii = [_radii(rim, conic, 0.0, 1.0)]
-        radii += [_radii(rim, conic, *each) for each in zip(ndtri(share), _FULLEST * share, strict=True)]
+        radii += [_radii(rim, conic, *drawn) for drawn in zip(ndtri(share), _FULLEST * share, strict=True)]
         return cls(middle_m, ends_m, 0.5 * float(np.ptp(hull @ axes[:, 0])), np.array(radii))
 
     def share_out(self, places_m: Array, number: int | None = None) -> Array:
@@ -287,10 +287,10 @@ def _rim_seen(low: Array, middle_m: Array) -> tuple[Indices, Array]:
     sector, away = sectors(offset), np.linalg.norm(offset, axis=1)
     shown = _shown(offset)
     radii = []
-    for each in shown:
-        own = sector == each
-        foot = low[own, 2] <= np.quantile(low[own, 2], _LOWEST_SHARE)
-        radii.append(float(np.median(away[own][foot])))
+    for direction in shown:
+        own = sector == direction
+        lowest = low[own, 2] <= np.quantile(low[own, 2], _LOWEST_SHARE)
+        radii.append(float(np.median(away[own][lowest])))
     return shown, np.array(radii)
 
 

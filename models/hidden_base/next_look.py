@@ -8,8 +8,8 @@ import numpy as np
 
 from toppling.models.arrays import Array, Flags
 from toppling.models.frames import STANDARD_GRAVITY_M_S2
+from toppling.models.hidden_base.draw_bases import AZIMUTHS_DEG, DrawnBases, interval_of
 from toppling.models.hidden_base.evidence import pulls_log_likelihood
-from toppling.models.hidden_base.from_scan import AZIMUTHS_DEG, DrawnBases, interval_of
 from toppling.models.hidden_base.intervals import LOOK, PULL
 from toppling.models.scan.interface import Interface
 
@@ -45,8 +45,8 @@ def observations(drawn: DrawnBases, interface: Interface) -> list[dict[str, Any]
         width = share * _widths(toppling, touches[None].astype(float))[0] if share else 0.0
         width += (1.0 - share) * _widths(toppling, (~touches[None]).astype(float))[0] if share < 1.0 else 0.0
         found.append({"kind": LOOK, "from_deg": first, "to_deg": first + _LOOKED_DEG, "width": float(width)})
-    found.sort(key=lambda each: each["width"])
-    return [next(each for each in found if each["kind"] == kind) for kind in (LOOK, PULL)]
+    found.sort(key=lambda look: look["width"])
+    return [next(look for look in found if look["kind"] == kind) for kind in (LOOK, PULL)]
 
 
 def _looks(drawn: DrawnBases, interface: Interface) -> list[tuple[float, Flags]]:

@@ -162,8 +162,8 @@ def hidden_part(
         touching,
         under.beyond_m(places),
     )
-    beside = near.patches[~under.may_be_hidden.ravel()[grid.index(near.patches)]]
-    side = _smoothed(clearances(beside, interface, pedestal))
+    adjacent = near.patches[~under.may_be_hidden.ravel()[grid.index(near.patches)]]
+    side = _smoothed(clearances(adjacent, interface, pedestal))
     touched = places[touching]
     seen_m = np.maximum(
         least_gap[grid.index(touched)], _gap_at_rim(rim, touched, _BESIDE_PER_HEIGHT * height_m)
@@ -210,23 +210,23 @@ def _seen_rim(under: Underside, low: Array, lit: Array, height_m: float) -> Rim:
     rim = _lowest_points(under, low)
     rim = rim[_spread(rim[:, :2], _MOST_RIM)]
     shown = cKDTree(lit[:, :2])
-    gap, beside = _gap_over(rim, lit, _BESIDE_PER_HEIGHT * height_m)
+    gap, adjacent = _gap_over(rim, lit, _BESIDE_PER_HEIGHT * height_m)
     hangs = np.maximum(gap, 0.0)
-    to_its_end = beside < _BESIDE_PER_HEIGHT * height_m + _BESIDE_PER_GAP * hangs
+    to_its_end = adjacent < _BESIDE_PER_HEIGHT * height_m + _BESIDE_PER_GAP * hangs
     end_std, off_m, steep, stray = _errors(rim, hangs, low)
     to_its_end[steep] &= _shows_below(under, rim[steep, :2], hangs[steep], shown, height_m)
     to_its_end |= ~steep  # a level underside that was seen is the underside there
     std = np.hypot(end_std, off_m)
-    kept = ~stray if (~stray).sum() >= _LEAST_RIM else np.ones(len(rim), bool)
+    selected = ~stray if (~stray).sum() >= _LEAST_RIM else np.ones(len(rim), bool)
     shared = np.full(len(rim), np.sqrt((end_std[to_its_end] ** 2).mean()) if to_its_end.any() else 0.0)
     # Of a rim that was not seen to its end the gap lies anywhere below what was seen.
     half_unseen = np.maximum(UNSEEN_STD_SHARE * gap, std)
     return Rim(
-        rim[kept, :2],
-        np.where(to_its_end, gap, 0.5 * gap)[kept],
-        np.where(to_its_end, std, half_unseen)[kept],
-        np.where(to_its_end, shared, half_unseen)[kept],
-        to_its_end.astype(np.intp)[kept],
+        rim[selected, :2],
+        np.where(to_its_end, gap, 0.5 * gap)[selected],
+        np.where(to_its_end, std, half_unseen)[selected],
+        np.where(to_its_end, shared, half_unseen)[selected],
+        to_its_end.astype(np.intp)[selected],
     )
 
 
@@ -269,11 +269,11 @@ def _shows_below(under: Underside, places: Array, hangs: Array, shown: cKDTree, 
         return shows
     toward = core[cKDTree(core).query(places)[1]] - places
     inward = toward / np.linalg.norm(toward, axis=1, keepdims=True)
-    beside_m = _BELOW_PER_HEIGHT * height_m
-    reach_m = _BELOW_TO_GAPS * hangs + 2.0 * beside_m
+    margin_m = _BELOW_PER_HEIGHT * height_m
+    reach_m = _BELOW_TO_GAPS * hangs + 2.0 * margin_m
     for number, near in enumerate(shown.query_ball_point(places, reach_m)):
         away, (x, y) = shown.data[near] - places[number], inward[number]
-        between = np.abs(away @ [-y, x]) < beside_m
+        between = np.abs(away @ [-y, x]) < margin_m
         shows[number] = (away[between] @ [x, y] > _BELOW_GAPS * hangs[number]).any()
     return shows
 

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError, check_positive
 from toppling.models.frames import plane_axes
-from toppling.models.hidden_base.draws import BaseDraw, UnseenBase, feet_above_m, least_feet
+from toppling.models.hidden_base.unseen_base import BaseDraw, UnseenBase, feet_above_m, least_feet
 from toppling.models.scene import Scene
 from toppling.models.statics import CONTACT_SHARE_OF_HEIGHT, at_rest, quasi_static_toppling_m_s2
 
@@ -31,7 +31,7 @@ _FADES_OVER = 0.25
 _LEAST_SHARE_THAT_STANDS = 0.005
 """Share of the bases tried; below it the rock hardly ever stands."""
 TOLERANCE_SHARE = 0.05
-"""What contact points may leave out of a draw, of the noise's standard deviation."""
+"""Tolerance of contact points on a draw, over the noise's standard deviation."""
 
 
 @dataclass(frozen=True)
@@ -96,13 +96,13 @@ def with_rough_base(
     """
     _check(scene, std_m, wavelength_m, band_m, draws)
     random = np.random.default_rng([2029, seed])
-    kept: list[BaseDraw] = []
+    found: list[BaseDraw] = []
     tried = 0
-    while len(kept) < draws:
-        if tried * _LEAST_SHARE_THAT_STANDS > max(draws, len(kept), 1):
+    while len(found) < draws:
+        if tried * _LEAST_SHARE_THAT_STANDS > max(draws, len(found), 1):
             raise InputError(
                 "base.hardly_stands",
-                f"of {tried} bases with noise of {std_m[0]:g} to {std_m[1]:g} m the rock stands on {len(kept)}",
+                f"of {tried} bases with noise of {std_m[0]:g} to {std_m[1]:g} m the rock stands on {len(found)}",
                 where=f"scene {scene.id}",
                 expected=f"a rock that stands on at least {_LEAST_SHARE_THAT_STANDS:.1%} of its possible bases",
                 remedy="give a smaller standard deviation, a larger attitude_std_deg or a smaller "
@@ -113,9 +113,9 @@ def with_rough_base(
         chance = float(random.random())
         draw = _let_down(scene, noise, band_m, shift_m, tolerance_share * noise.std_m)
         if draw is not None and _stood(scene, UnseenBase(band_m, (draw,)), standing, chance):
-            kept.append(draw)
-            progress(len(kept))
-    return dataclasses.replace(scene, unseen=UnseenBase(band_m, tuple(kept)))
+            found.append(draw)
+            progress(len(found))
+    return dataclasses.replace(scene, unseen=UnseenBase(band_m, tuple(found)))
 
 
 _POSITIVE = "a positive number"
@@ -134,11 +134,11 @@ class _Noise:
     def drawn(cls, std_m: tuple[float, float], wavelength_m: float, random: np.random.Generator) -> _Noise:
         """Draw one; the logarithm of its standard deviation is as likely anywhere between two."""
         deviation_m = float(np.exp(random.uniform(*np.log(std_m))))
-        way = random.normal(size=(_WAVES, 3))
-        way /= np.linalg.norm(way, axis=1)[:, None]
+        direction = random.normal(size=(_WAVES, 3))
+        direction /= np.linalg.norm(direction, axis=1)[:, None]
         length = 1.0 + _SPREAD_OF_WAVENUMBERS * random.normal(size=(_WAVES, 1))
         phase = random.uniform(0.0, 2.0 * np.pi, _WAVES)
-        return cls(2.0 * np.pi / wavelength_m * length * way, phase, deviation_m)
+        return cls(2.0 * np.pi / wavelength_m * length * direction, phase, deviation_m)
 
     def __call__(self, points_m: Array) -> Array:
         return (
@@ -197,8 +197,8 @@ def _check(scene: Scene, std_m: tuple[float, float], wavelength_m: float, band_m
             expected="a mesh on an endless plane",
             remedy="'toppling scan' draws the bases of scanned rocks; make this scene with Scene.from_mesh",
         )
-    for each in std_m:
-        check_positive("with_rough_base", _POSITIVE, _REMEDY, std_m=each)
+    for deviation_m in std_m:
+        check_positive("with_rough_base", _POSITIVE, _REMEDY, std_m=deviation_m)
     check_positive(
         "with_rough_base", _POSITIVE, _REMEDY, wavelength_m=wavelength_m, band_m=band_m, draws=draws
     )

@@ -10,10 +10,10 @@ from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from toppling.models.arrays import Array, Indices
+from toppling.models.caching import cached
 from toppling.models.frames import STANDARD_GRAVITY_M_S2
 from toppling.models.ground.body import GroundedBody
-from toppling.models.hidden_base.draws import BaseDraw, UnseenBase
-from toppling.models.hidden_base.from_scan import (
+from toppling.models.hidden_base.draw_bases import (
     AZIMUTHS_DEG,
     LEVEL,
     ContradictionError,
@@ -26,7 +26,7 @@ from toppling.models.hidden_base.inspection import Inspection
 from toppling.models.hidden_base.next_look import observations
 from toppling.models.hidden_base.observed import check_on_interface, hidden_part
 from toppling.models.hidden_base.statics import FRICTION
-from toppling.models.kept import kept
+from toppling.models.hidden_base.unseen_base import BaseDraw, UnseenBase
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.scan.close import ClosedRock
@@ -90,7 +90,7 @@ def _moved(vertices_m: Array, drawn: DrawnBases, gap_m: Array, interface: Interf
     return moved + interface.rise(moved)
 
 
-@kept
+@cached
 def _surface_of(interface: Interface) -> Pedestal:
     """The pedestal below a rock as its interface describes it: the carried surface as a mesh, or the endless plane."""
     sheet = interface.sheet
@@ -144,15 +144,15 @@ def base_unseen(
         report["without_inspection"] = unaided or _unaided(
             observed, interface, closed, smooth, std_m, pedestal
         )
-    rock, as_said = closed.rock, outlined and inspection.says_nothing  # it rests flat, within the outline
+    rock, as_closed = closed.rock, outlined and inspection.says_nothing  # it rests flat, within the outline
     if interface.sheet is None:
         unseen = unseen_base(drawn, rock, observed.height_m)
-        number = None if as_said else nominal_draw(drawn, unseen, rock, interface)
+        number = None if as_closed else nominal_draw(drawn, unseen, rock, interface)
         unseen = dataclasses.replace(unseen, nominal=number)
-        return rock, unseen, report | {"nominal_at_rest": as_said or number is not None}
-    as_said &= interface.is_plane  # over the plane as a surface it may stand as it was closed
-    rock, unseen, number = _bases_on_surface(drawn, rock, smooth, interface, observed.height_m, as_said)
-    return rock, unseen, report | {"nominal_at_rest": as_said or number is not None}
+        return rock, unseen, report | {"nominal_at_rest": as_closed or number is not None}
+    as_closed &= interface.is_plane  # over the plane as a surface it may stand as it was closed
+    rock, unseen, number = _bases_on_surface(drawn, rock, smooth, interface, observed.height_m, as_closed)
+    return rock, unseen, report | {"nominal_at_rest": as_closed or number is not None}
 
 
 def _unaided(
@@ -221,8 +221,8 @@ def intervals(drawn: DrawnBases, interface: Interface) -> dict[str, Any]:
         "draws": len(drawn.gaps),
         "distinct": drawn.distinct,
         "kinds": {
-            each: {"weight": weight, "draws": drawn.kinds.get(each, 0)}
-            for each, weight in drawn.kind_weights.items()
+            name: {"weight": weight, "draws": drawn.kinds.get(name, 0)}
+            for name, weight in drawn.kind_weights.items()
         },
         "toppling": _by_azimuth(*drawn.interval_m_s2()),
         **({} if lift_off is None else {"lift_off": _by_azimuth(*lift_off)}),
@@ -250,13 +250,13 @@ def _outline_of(touched: list[Array], share: float) -> Array:
         np.linspace(*ends, _ACROSS) for ends in zip(together.min(axis=0), together.max(axis=0), strict=True)
     ]
     nodes = np.stack(np.meshgrid(*ways), axis=-1).reshape(-1, 2)
-    planes = [ConvexHull(each).equations for each in touched]
-    inside = np.mean([(nodes @ each[:, :2].T + each[:, 2] <= 0.0).all(axis=1) for each in planes], axis=0)
-    kept = nodes[inside >= share]
+    planes = [ConvexHull(hull).equations for hull in touched]
+    inside = np.mean([(nodes @ hull[:, :2].T + hull[:, 2] <= 0.0).all(axis=1) for hull in planes], axis=0)
+    enclosed = nodes[inside >= share]
     try:
-        return kept[ConvexHull(kept).vertices]
+        return enclosed[ConvexHull(enclosed).vertices]
     except (QhullError, ValueError):  # in one line, or fewer than three
-        return kept[:0]
+        return enclosed[:0]
 
 
 def _raised(corners: Array, interface: Interface) -> Array:

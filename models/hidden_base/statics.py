@@ -11,17 +11,17 @@ from scipy.spatial import ConvexHull, cKDTree
 from toppling.models.arrays import Array
 from toppling.models.frames import STANDARD_GRAVITY_M_S2, horizontal_unit_vector
 from toppling.models.ground.facet_path import Seat
-from toppling.models.hidden_base.draws import feet_above_m, least_feet
 from toppling.models.hidden_base.gap import Base, GapDraw
 from toppling.models.hidden_base.near_interface import SIDE_TANGENT
 from toppling.models.hidden_base.observed import HiddenPart, clearances
+from toppling.models.hidden_base.unseen_base import feet_above_m, least_feet
 from toppling.models.pedestal import ContactProperties, Pedestal
 from toppling.models.pivots import tips_m_s2
 from toppling.models.rock import Rock
 from toppling.models.scan.interface import Interface
 
 FRICTION = ContactProperties().friction_static
-"""With which every scanned scene stands unless it is told otherwise."""
+"""Friction of a scanned scene unless another is given."""
 BAND_PER_HEIGHT = 0.15
 FEET_PER_HEIGHT, _HIGHER_FEET_PER_HEIGHT = 1e-4, 3e-4
 """Feet are left out while the hull of the others stays within this share of the height: below the band, above it. With

@@ -4,6 +4,7 @@ __all__ = [
     "ensemble",
     "fetch",
     "importing",
+    "imposing",
     "intensity",
     "measures",
     "metadata",

@@ -15,10 +15,11 @@ from toppling.models.files import digest
 from toppling.models.files.digest import check_bounds, read_table, table_writer, write_table
 from toppling.models.files.folder import instead, local, new_file
 from toppling.models.frames import azimuth_of
+from toppling.models.motions.imposing import impose
 from toppling.models.motions.measures import CATALOG, MEASURES, MOTIONS, ensemble_id, meaning
 from toppling.models.motions.motion import Motion
 from toppling.models.motions.place import Place
-from toppling.models.motions.record import Record, impose, motion_sha
+from toppling.models.motions.record import Record, motion_sha
 
 SCHEMA_VERSION = "2"
 _RECORDS_IN_MEMORY = 64

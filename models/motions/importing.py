@@ -35,7 +35,7 @@ _LEFT = {
     "sound": "left as it came",
     "uncorrected": "left uncorrected, as asked",
 }
-"""What the history says of a motion that is not processed, by its quality."""
+"""History entry of a motion that is not processed, by its quality."""
 
 
 @dataclass(frozen=True)

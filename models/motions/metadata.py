@@ -41,19 +41,19 @@ _COLUMNS = {
         **dict.fromkeys(("processing", "corner_hz", "h1_azimuth", "h2_azimuth"), ""),
     }.items()
 } | {key: [f"{key}_m_s2", key] for key in ("pga_h1", "pga_h2", "pga_v")}
-"""What is read, and the names that a table, or PEER's, may give it in any case; other columns are left alone."""
+"""Columns that are read, and the names that a table, or PEER's, may give them in any case."""
 
 _UNCORRECTED = ("uncorrected", "raw")
 """How the column `processing` may begin, beside 'corrected'."""
 _OFTEN_UNKNOWN = {"magnitude", "distance_km", "corner_hz", "h1_azimuth", "h2_azimuth"}
 _UNKNOWN = {"nan", "na", "n/a", "none", "null", "unknown", "-", "?"}
 _UNKNOWN_NUMBERS = {"-99", "-999", "-9999", "-12345"}
-"""What flat files and databases have where nobody knows."""
+"""Values by which flat files and databases mark an unknown number."""
 _MAGNITUDES, _DISTANCES_KM = (-2.0, 10.0), (0.0, 20_100.0)
 """Ranges of magnitudes of earthquakes, and of distances on the globe."""
 _AZIMUTHS, _CORNERS_HZ = (-360.0, 360.0), (1e-4, 100.0)
 _AROUND = re.compile(r"^M[A-Za-z]{0,2}\s*=?\s*(?=\d)|(?<!\s)\s*km$")
-"""What people write beside a magnitude or a distance: Mw 6.9, 12 km."""
+"""Words beside a magnitude or a distance: Mw 6.9, 12 km."""
 _NO_PEAKS = (None, None, None)
 _LONGEST_HEADER = 100_000
 _LONGEST_NAME, _LONGEST_PATH = 255, 2000

@@ -17,7 +17,7 @@ from toppling.models.files.table import Table, is_numeral, no_table
 from toppling.models.motions.ensemble import Ensemble
 
 _TRACE = "T"
-"""What nshmp-haz prints for a contribution below 0.01 %."""
+"""Text of nshmp-haz for a contribution below 0.01 %."""
 
 _COLUMNS = (
     {"magnitude", "mag", "m", "mw"},

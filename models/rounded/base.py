@@ -12,8 +12,8 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from toppling.models.arrays import Array, Flags, Indices
+from toppling.models.caching import cached
 from toppling.models.frames import STANDARD_GRAVITY_M_S2, horizontal_unit_vector, plane_axes
-from toppling.models.kept import kept
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.rounded.smooth_mesh import FALLEN_DEG, SmoothMesh
@@ -53,7 +53,7 @@ class Patches:
     vertices_m: Array
     corners: Indices
     bulges_m: Array
-    beside: Indices
+    neighbours: Indices
     sharp: Flags
     points: Indices
 
@@ -67,8 +67,8 @@ class Patches:
     @cached_property
     def parts(self) -> Indices:
         """One patch (r,) of each rounded part."""
-        patch, edge = np.nonzero(self.beside >= 0)
-        part = joined_parts(np.column_stack([patch, self.beside[patch, edge]]), len(self.corners))
+        patch, edge = np.nonzero(self.neighbours >= 0)
+        part = joined_parts(np.column_stack([patch, self.neighbours[patch, edge]]), len(self.corners))
         return np.unique(part, return_index=True)[1]
 
     @cached_property
@@ -93,37 +93,37 @@ class Patches:
             row = np.repeat(np.arange(len(moving)), count)
             patches = around[np.repeat(begin - starts, count) + np.arange(len(row))]
             corners = self.vertices_m[self.corners[patches]]
-            value, shares = _highest(corners, self.bulges_m[patches], directions[moving[row]])
+            value, fractions = _highest(corners, self.bulges_m[patches], directions[moving[row]])
             best = np.lexsort((value, row))[starts + count - 1]  # of each row the last
-            place[moving] = _placed(corners[best], self.bulges_m[patches[best]], shares[best])
-            nearest = self.corners[patches[best], shares[best].argmax(axis=1)]
+            place[moving] = _placed(corners[best], self.bulges_m[patches[best]], fractions[best])
+            nearest = self.corners[patches[best], fractions[best].argmax(axis=1)]
             moved = nearest != vertex[moving]
             vertex[moving] = nearest
             moving = moving[moved]
         return place
 
 
-def _placed(corners_m: Array, bulges_m: Array, shares: Array) -> Array:
+def _placed(corners_m: Array, bulges_m: Array, fractions: Array) -> Array:
     """Points (..., 3) of patches with some shares (..., 3) of their corners."""
-    around = shares * np.roll(shares, -1, axis=-1)
-    return (shares[..., None] * corners_m).sum(axis=-2) + (around[..., None] * bulges_m).sum(axis=-2)
+    around = fractions * np.roll(fractions, -1, axis=-1)
+    return (fractions[..., None] * corners_m).sum(axis=-2) + (around[..., None] * bulges_m).sum(axis=-2)
 
 
 def _highest(corners_m: Array, bulges_m: Array, directions: Array) -> tuple[Array, Array]:
     """How far patches (..., 3, 3) reach along directions (..., 3) that broadcast with them, and the shares there."""
     p = (corners_m * directions[..., None, :]).sum(axis=-1)
     m = (bulges_m * directions[..., None, :]).sum(axis=-1)
-    best, shares = np.full(p.shape[:-1], -np.inf), np.zeros(p.shape)
+    best, fractions = np.full(p.shape[:-1], -np.inf), np.zeros(p.shape)
     with np.errstate(divide="ignore", invalid="ignore"):
         both = m[..., 1] - m[..., 0] - m[..., 2]
         right, up = p[..., 1] - p[..., 0] + m[..., 0], p[..., 2] - p[..., 0] + m[..., 2]
         size = 4.0 * m[..., 0] * m[..., 2]
         det = size - both * both
-        one = (2.0 * m[..., 2] * right + both * up) / det
-        other = (2.0 * m[..., 0] * up + both * right) / det
+        first = (2.0 * m[..., 2] * right + both * up) / det
+        second = (2.0 * m[..., 0] * up + both * right) / det
         inside = (m[..., 0] > 0.0) & (m[..., 2] > 0.0) & (det > SINGULAR * size)
-        inside &= (one >= 0.0) & (other >= 0.0) & (one + other <= 1.0)
-        candidates = [(np.stack([1.0 - one - other, one, other], axis=-1), inside)]
+        inside &= (first >= 0.0) & (second >= 0.0) & (first + second <= 1.0)
+        candidates = [(np.stack([1.0 - first - second, first, second], axis=-1), inside)]
         for k in range(3):
             after = (k + 1) % 3
             share = (p[..., after] - p[..., k] + m[..., k]) / (2.0 * m[..., k])
@@ -131,22 +131,22 @@ def _highest(corners_m: Array, bulges_m: Array, directions: Array) -> tuple[Arra
             edge = np.zeros(p.shape)
             edge[..., k], edge[..., after] = 1.0 - share, share
             candidates.append((edge, np.ones(inside.shape, bool)))
-    for each, possible in candidates:
-        value = (each * p).sum(axis=-1) + (each * np.roll(each, -1, axis=-1) * m).sum(axis=-1)
+    for candidate, possible in candidates:
+        value = (candidate * p).sum(axis=-1) + (candidate * np.roll(candidate, -1, axis=-1) * m).sum(axis=-1)
         better = possible & (value > best)
         best = np.where(better, value, best)
-        shares = np.where(better[..., None], each, shares)
-    return best, shares
+        fractions = np.where(better[..., None], candidate, fractions)
+    return best, fractions
 
 
-@kept
+@cached
 def patches_of(rock: Rock) -> Patches | None:
     """The patches of a rock's rounded base; None where nothing of it is rounded."""
     mesh = smooth_mesh_of(rock)
     return None if mesh is None else _patches_of_mesh(mesh)
 
 
-@kept
+@cached
 def smooth_mesh_of(rock: Rock) -> SmoothMesh | None:
     """A rock's mesh with its rounded parts as fine as their patches need; None where nothing of it is rounded."""
     mesh = SmoothMesh.of(rock).doubly_curved()
@@ -166,14 +166,14 @@ def _patches_of_mesh(mesh: SmoothMesh) -> Patches:
     number[rounded] = np.arange(len(rounded))
     edge_of, corners = mesh.edge_of[rounded], mesh.faces[rounded]
     other = np.where(sides[edge_of, 0] == rounded[:, None], sides[edge_of, 1], sides[edge_of, 0])
-    beside = np.where(crease[edge_of], -1, number[other])
+    neighbour = np.where(crease[edge_of], -1, number[other])
     touching = np.union1d(_low_corners(mesh.vertices_m), corners)
     chord = 0.5 * mesh.vertices_m[ends].sum(axis=1)
     return Patches(
         mesh.vertices_m,
         corners,
         4.0 * (middles - chord)[edge_of],
-        beside,
+        neighbour,
         crease[edge_of],
         touching[~mesh.inner[touching]],  # with a point of the smooth surface its patches touch
     )
@@ -187,17 +187,17 @@ def _low_corners(points_m: Array) -> Indices:
 
 
 _TILTS = 21
-"""At which an equilibrium is looked for, and again between the neighbours of the one that stands most."""
+"""Number of tilts at which an equilibrium is looked for, and again between the neighbours of the steepest."""
 
 _ZOOMS = 3
 
 _ASIDE_DEG = (1.0, 3.0, 8.0, 20.0)
-"""By which a rock that tips may have to roll aside, until its centre of mass is over its contact."""
+"""Angles by which a rock that tips may roll aside until its centre of mass is over its contact."""
 
 _HALVINGS = 6
 
 _ROLLS, _ROLL_STEP_DEG = 30, 2.0
-"""Of a rock that is let down."""
+"""Maximum number and size, in degrees, of the rolls by which a rock is let down."""
 
 _NUDGE_RAD, _SMALL_RAD, _LARGEST_STEP_RAD = 1e-3, 1e-6, 0.05
 
@@ -307,8 +307,8 @@ class RollingBody:
         across = np.cross([0.0, 0.0, 1.0], away)
 
         def arms(rows: Indices, aside_rad: Array) -> Array:
-            way = tilts_rad[rows, None] * away[rows] + aside_rad[:, None] * across[rows]
-            return self.arms_m(Rotation.from_rotvec(np.cross(self._normal, way)) * rest)
+            turn_rad = tilts_rad[rows, None] * away[rows] + aside_rad[:, None] * across[rows]
+            return self.arms_m(Rotation.from_rotvec(np.cross(self._normal, turn_rad)) * rest)
 
         arm, found = _balanced_aside(arms, across)
         down = -arm[:, 2]
@@ -344,19 +344,19 @@ def _balanced_aside(arms: Callable[[Indices, Array], Array], across: Array) -> t
         same = (there * across[open_rows]).sum(axis=1) * miss[open_rows] > 0.0
         near[open_rows[same]], at_near[open_rows[same]] = middle[same], there[same]
         far[open_rows[~same]], at_far[open_rows[~same]] = middle[~same], there[~same]
-    one, other = ((each * across).sum(axis=1) for each in (at_near, at_far))
-    share = np.where(one != other, one / np.where(one != other, one - other, 1.0), 0.0)[:, None]
+    first, other = ((surface * across).sum(axis=1) for surface in (at_near, at_far))
+    share = np.where(first != other, first / np.where(first != other, first - other, 1.0), 0.0)[:, None]
     return (1.0 - share) * at_near + share * at_far, found
 
 
 _CHANGE_SHARE = 0.02
-"""By which one refinement may change the least toppling acceleration of any azimuth."""
+"""Largest change of the least toppling acceleration, at any azimuth, that one refinement may make."""
 
 _MOST_FACES = 20_000
 """Finer ones cost minutes of preparing contacts; what one more halving changes is stated."""
 
 _CHECKED_FACES = 60_000
-"""Of a mesh that would be finer when halved the change is not looked for."""
+"""Maximum number of faces of a halved mesh for which the change by refinement is computed."""
 
 _AZIMUTHS_DEG = (0.0, 72.0, 144.0, 216.0, 288.0)
 
@@ -396,8 +396,8 @@ class RoundedBase:
         if fine.faces_when_halved > _CHECKED_FACES:
             return 0.0
         both = (
-            RollingBody(each, self.rock.com_m, _UP, STANDARD_GRAVITY_M_S2).toppling_m_s2(_AZIMUTHS_DEG)
-            for each in (self.patches, _patches_of_mesh(fine.halved()))
+            RollingBody(surface, self.rock.com_m, _UP, STANDARD_GRAVITY_M_S2).toppling_m_s2(_AZIMUTHS_DEG)
+            for surface in (self.patches, _patches_of_mesh(fine.halved()))
         )
         return _change(*both)
 

@@ -33,13 +33,13 @@ _FEWEST_INNER_CORNERS = 3
 """A part with fewer corners away from its outline is an uneven base of facets, not a sampled curved surface."""
 
 _ONE_WAY_SHARE = 1e-3
-"""Of the spread of a part's normals along a great circle: with less across, it is curved in one direction."""
+"""Share of the spread of a part's normals across a great circle below which the part curves in one direction."""
 
 FALLEN_DEG = 75.0
 """Faces whose outward normal is so near to downward can touch before a rock has fallen."""
 
 _CONCAVE_SHARE = 0.05
-"""Of all angles between faces of a part: where more are concave it is rough, not rounded."""
+"""Maximum share of concave angles between faces of a rounded part; with more, the part is rough."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,10 +63,10 @@ class SmoothMesh:
         patch = _flat_parts(sides[angle < _COPLANAR_DEG], normals)
         size, area = np.bincount(patch), np.bincount(patch, areas)
         smooth = (angle >= _COPLANAR_DEG) & (angle < _CREASE_DEG)
-        one, other = np.concatenate([sides[smooth], sides[smooth, ::-1]]).T
-        neighbours = np.bincount(patch[one], minlength=len(size))
-        beside = np.bincount(patch[one], area[patch[other]], len(size)) / np.maximum(neighbours, 1)
-        flat = (size > 2) | (neighbours == 0) | (area > _FLAT_AREAS * beside)
+        first, other = np.concatenate([sides[smooth], sides[smooth, ::-1]]).T
+        neighbours = np.bincount(patch[first], minlength=len(size))
+        adjacent = np.bincount(patch[first], area[patch[other]], len(size)) / np.maximum(neighbours, 1)
+        flat = (size > 2) | (neighbours == 0) | (area > _FLAT_AREAS * adjacent)
         joined = sides[(angle < _CREASE_DEG) & ~flat[patch][sides].any(axis=1)]
         part = joined_parts(patch[joined], len(size))
         flat |= np.bincount(part)[part] < _FEWEST_PATCHES
@@ -203,9 +203,9 @@ class SmoothMesh:
         fan = joined_parts(pairs, 3 * len(self.faces))
         weighted = np.zeros((fan.max() + 1, 3))
         at = self.vertices_m[self.faces]
-        one, other = np.roll(at, -1, axis=1) - at, np.roll(at, 1, axis=1) - at
-        squares = (one * one).sum(axis=2) * (other * other).sum(axis=2)
-        parts = np.cross(one, other) / np.maximum(squares, 1e-300)[:, :, None]
+        first, other = np.roll(at, -1, axis=1) - at, np.roll(at, 1, axis=1) - at
+        squares = (first * first).sum(axis=2) * (other * other).sum(axis=2)
+        parts = np.cross(first, other) / np.maximum(squares, 1e-300)[:, :, None]
         # Where a flat part goes over into a curved one, its plane is tangent.
         parts *= np.where(self.flat, 1e6, 1.0)[:, None, None]
         np.add.at(weighted, fan, parts.reshape(-1, 3))
@@ -213,13 +213,13 @@ class SmoothMesh:
         rim = np.zeros(fan.max() + 1, bool)
         rim[fan[np.bincount(pairs.ravel(), minlength=len(fan)) < 2]] = True
         at_a, at_b = (fan[corner(sides[:, 0], ends[:, k])] for k in (0, 1))
-        way = self.vertices_m[ends[:, 1]] - self.vertices_m[ends[:, 0]]
-        along = way / np.linalg.norm(way, axis=1)[:, None]
+        chord = self.vertices_m[ends[:, 1]] - self.vertices_m[ends[:, 0]]
+        along = chord / np.linalg.norm(chord, axis=1)[:, None]
         # At a rim the surface is known on one side only, so that there the other end alone tells.
-        one, other = weighted[at_a], weighted[at_b]
-        normal_a = np.where((rim[at_a] & ~rim[at_b])[:, None], _mirrored(other, along), one)
-        normal_b = np.where((rim[at_b] & ~rim[at_a])[:, None], _mirrored(one, along), other)
-        return _arc_m(way, normal_a, normal_b)
+        first, other = weighted[at_a], weighted[at_b]
+        normal_a = np.where((rim[at_a] & ~rim[at_b])[:, None], _mirrored(other, along), first)
+        normal_b = np.where((rim[at_b] & ~rim[at_a])[:, None], _mirrored(first, along), other)
+        return _arc_m(chord, normal_a, normal_b)
 
     def _on_curve(self, ends: Indices) -> Array:
         """Middles (k, 3) of creases: on a curve where both go on smoothly, else of the straight edge."""
@@ -255,10 +255,10 @@ def _mirrored(vectors: Array, along: Array) -> Array:
     return vectors - 2.0 * (vectors * along).sum(axis=1)[:, None] * along
 
 
-def _arc_m(way: Array, normal_a: Array, normal_b: Array) -> Array:
+def _arc_m(chord: Array, normal_a: Array, normal_b: Array) -> Array:
     """From the middles of chords (n, 3) to those of the circles that have some normals (n, 3) at their ends."""
-    length = np.linalg.norm(way, axis=1)
-    along = way / length[:, None]
+    length = np.linalg.norm(chord, axis=1)
+    along = chord / length[:, None]
     fall, rise = -(along * normal_a).sum(axis=1), (along * normal_b).sum(axis=1)
     turn = 0.5 * (np.arcsin(fall.clip(-1.0, 1.0)) + np.arcsin(rise.clip(-1.0, 1.0)))
     outward = normal_a + normal_b
@@ -267,10 +267,10 @@ def _arc_m(way: Array, normal_a: Array, normal_b: Array) -> Array:
     return (0.5 * length * np.tan(0.5 * turn))[:, None] * outward
 
 
-def _angle_deg(one: Array, other: Array) -> Array:
+def _angle_deg(first: Array, other: Array) -> Array:
     """Between vectors (n, 3) of any length."""
-    across = np.linalg.norm(np.cross(one, other), axis=1)
-    return np.degrees(np.arctan2(across, (one * other).sum(axis=1)))
+    across = np.linalg.norm(np.cross(first, other), axis=1)
+    return np.degrees(np.arctan2(across, (first * other).sum(axis=1)))
 
 
 def _split(faces: Indices, middles: Indices) -> tuple[Indices, Indices]:

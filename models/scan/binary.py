@@ -59,7 +59,7 @@ def las(path: Path) -> Points:
         _check_room(least_bytes * count, path.stat().st_size, count, path, "records")
     with laspy.open(path) as source:
         header = source.header
-        system = _said(lambda: _las_system(source, path))
+        system = _system_stated(lambda: _las_system(source, path))
         _check_count(header.point_count, path)
         if not source.header.are_points_compressed:
             room = path.stat().st_size - header.offset_to_point_data
@@ -78,8 +78,8 @@ def las(path: Path) -> Points:
         _check_room(header.point_count, read, header.point_count, path)
     points = points[:filled]
     left_out = {"are withheld or classed as noise": read - filled}
-    told = system | {"step": coordinate_steps(points).tolist(), "left_out": left_out}
-    return told, [points, station[:filled]]
+    stated = system | {"step": coordinate_steps(points).tolist(), "left_out": left_out}
+    return stated, [points, station[:filled]]
 
 
 def _deleted(points: Any) -> Flags:
@@ -98,7 +98,7 @@ def classes(path: Path) -> Points:
     return {}, [np.concatenate(parts)]
 
 
-def _said(ask: Callable[[], placement.Reference | None]) -> dict[str, Any]:
+def _system_stated(ask: Callable[[], placement.Reference | None]) -> dict[str, Any]:
     """Coordinate system that a file states, or why what it states is refused."""
     try:
         return {"reference": ask(), "refusal": None}
@@ -114,12 +114,12 @@ def _las_system(source: Any, path: Path) -> placement.Reference | None:
     """
     records = [*source.header.vlrs, *(source.evlrs or ())]
     content = {
-        each.record_id: each.record_data_bytes()
-        for each in records
-        if each.user_id.strip("\0 ") == "LASF_Projection"
+        record.record_id: record.record_data_bytes()
+        for record in records
+        if record.user_id.strip("\0 ") == "LASF_Projection"
     }
     wkt = content.get(_WKT, b"").decode("latin-1").strip("\0 \r\n")
-    keys, doubles = (content.get(each, b"") for each in (placement.GEO_KEYS, placement.GEO_DOUBLES))
+    keys, doubles = (content.get(key, b"") for key in (placement.GEO_KEYS, placement.GEO_DOUBLES))
     meant = bool(wkt) and source.header.global_encoding.wkt
     try:
         by_keys = placement.of_geo_keys(keys, doubles, str(path)) if keys else None
@@ -133,7 +133,9 @@ def _las_system(source: Any, path: Path) -> placement.Reference | None:
     if by_keys is None:
         return by_wkt
     both = zip(by_wkt["metres_per_unit"], by_keys["metres_per_unit"], strict=True)
-    across, up = (math.isclose(one, other, rel_tol=1e-9) for one, other in both)  # the feet differ by 2e-6
+    across, up = (
+        math.isclose(a, b, rel_tol=1e-9) for a, b in both
+    )  # international and US feet differ by 2e-6
     if not (across and (up or by_wkt["note"] or by_keys["note"])):
         raise InputError(
             "coordinates.crs_contradicted",
@@ -168,7 +170,7 @@ def e57(path: Path) -> Points:
             yield points, _e57_pose(header.node, path)
 
     points, station, step, nowhere = in_survey(scans())
-    stated = _said(lambda: _e57_system(source, headers, path))
+    stated = _system_stated(lambda: _e57_system(source, headers, path))
     stated |= {"step": step.tolist(), "left_out": {"are flagged invalid": invalid, NOWHERE: nowhere}}
     return stated, [points, station]
 
@@ -247,7 +249,7 @@ def _e57_system(source: Any, headers: list[Any], path: Path) -> placement.Refere
     Raises InputError if that is another unit than metres, which are E57's by its standard: nobody can tell which is
     right.
     """
-    words = [_text(source.root, "coordinateMetadata"), *(_text(each.node, "description") for each in headers)]
+    words = [_text(source.root, "coordinateMetadata"), *(_text(scan.node, "description") for scan in headers)]
     system = placement.of_words(words[0], str(path))
     unit = other_unit_in(words if system is None else words[1:])
     if unit or (system is not None and system["metres_per_unit"] != [1.0, 1.0]):
@@ -284,7 +286,7 @@ def pcd(path: Path) -> Points:
     with open_given(path, _damaged) as file:
         head = file.read(_PCD_HEADER_BYTES).partition(b"\nDATA")[0].decode("latin-1")
     remarks = [line.lstrip("# ") for line in head.splitlines() if line.startswith("#")]
-    header = _said(lambda: check_remarks(remarks, str(path)))
+    header = _system_stated(lambda: check_remarks(remarks, str(path)))
     return header | {"step": coordinate_steps(points).tolist()}, [points, station.astype(np.int32)]
 
 

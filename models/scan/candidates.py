@@ -20,7 +20,7 @@ LEAST_PEAK_VOXELS = 6
 _SAMPLED_POINTS = 2_000_000
 _ZOOMED = 3
 _ZOOMED_SHARE = 0.4
-"""So many of the highest candidates, and of such a share of the highest, are looked at from near by."""
+"""Number of the highest candidates, and their least height over the highest one's, that are resampled from near by."""
 _ZOOMS = 3
 _BESIDE_HEIGHTS = 0.25
 """How far around a candidate is looked at from near by, in its heights."""
@@ -40,7 +40,7 @@ _SAME_SHARE = 0.5
 _AROUND = 0.4
 """Share of the directions about its middle in which the line must show along which a thing is cut off."""
 _MEETS_VOXELS = 2.0
-"""From a known interface, within which rock and pedestal meet in patches."""
+"""Distance from a known interface within which rock and pedestal meet in patches."""
 LEAST_CONCAVE_SHARE = 0.3
 """Share of the cut's edges that must run through a crease: a hummock's foot has none."""
 LEAST_SURFELS = 50
@@ -111,25 +111,25 @@ def find_candidates(points_m: Array, coarse: Surfels) -> list[Candidate]:
         for peak, level in _peaks(coarse, edges)
         for share in _TRIED_HEIGHTS
     ]
-    carried = [cut for plane in level_planes(coarse, edges) for cut in _on_plane(coarse, edges, plane)]
-    closed = [each for each in [*cuts, *carried] if each is not None and _closes(each)]
+    on_planes = [cut for plane in level_planes(coarse, edges) for cut in _on_plane(coarse, edges, plane)]
+    closed = [candidate for candidate in [*cuts, *on_planes] if candidate is not None and _closes(candidate)]
     found: list[Candidate] = []
-    for each in sorted(closed, key=lambda each: each.cost):
-        own = next((k for k, other in enumerate(found) if (each.rock & other.rock).any()), None)
+    for candidate in sorted(closed, key=lambda candidate: candidate.cost):
+        own = next((k for k, other in enumerate(found) if (candidate.rock & other.rock).any()), None)
         if own is None:
-            found.append(each)
-        elif each in carried and _is_upper(each, found[own]):
-            found[own] = each
+            found.append(candidate)
+        elif candidate in on_planes and _is_upper(candidate, found[own]):
+            found[own] = candidate
         elif (
-            found[own] not in carried
-            and each.cost < _LIKE_COST * found[own].cost
-            and each.shared(found[own]) < _OTHER_SHARE
+            found[own] not in on_planes
+            and candidate.cost < _LIKE_COST * found[own].cost
+            and candidate.shared(found[own]) < _OTHER_SHARE
         ):
-            found[own] = replace(found[own], rivals=(*found[own].rivals, each))
-    found.sort(key=lambda each: -each.height_m)
-    large = [each for each in found[:_ZOOMED] if each.height_m > _ZOOMED_SHARE * found[0].height_m]
-    seen = [*(_seen_near_by(points_m, each) for each in large), *found[len(large) :]]
-    return sorted(seen, key=lambda each: -each.height_m)
+            found[own] = replace(found[own], rivals=(*found[own].rivals, candidate))
+    found.sort(key=lambda candidate: -candidate.height_m)
+    large = [cut for cut in found[:_ZOOMED] if cut.height_m > _ZOOMED_SHARE * found[0].height_m]
+    seen = [*(_seen_near_by(points_m, candidate) for candidate in large), *found[len(large) :]]
+    return sorted(seen, key=lambda candidate: -candidate.height_m)
 
 
 def _is_upper(thing: Candidate, other: Candidate) -> bool:
@@ -162,11 +162,11 @@ def _seen_near_by(points_m: Array, coarse: Candidate) -> Candidate:
         rim = np.hypot(*(surfels.points_m[:, :2] - axis).T) > reach - 3.0 * surfels.voxel_m
         rim |= surfels.points_m[:, 2] < rock[:, 2].min() - _BESIDE_HEIGHTS * height + 3.0 * surfels.voxel_m
         tried = [_cut_at(surfels, edges, peak, share * height, rim) for share in _TRIED_HEIGHTS]
-        cuts = [each for each in tried if each is not None and _closes(each)]
-        finer = max(cuts, key=lambda each: each.shared(coarse), default=None)
+        cuts = [cut for cut in tried if cut is not None and _closes(cut)]
+        finer = max(cuts, key=lambda cut: cut.shared(coarse), default=None)
         if finer is not None and finer.shared(coarse) < _SAME_SHARE:
             # Another thing, such as a rock that wide patches joined with the wall beside it: the cheaper cut counts.
-            finer = min(cuts, key=lambda each: each.cost)
+            finer = min(cuts, key=lambda cut: cut.cost)
             finer = finer if _LIKE_COST * finer.cost < coarse.cost else None
         if finer is None:
             break
@@ -209,10 +209,10 @@ def _peaks(surfels: Surfels, edges: Indices) -> list[tuple[int, float]]:
         if a == b:
             continue
         level = z[lower]
-        for one, other in ((a, b), (b, a)):
-            grown = size[other] > 0.3 * size[one] or z[other] - level > 0.3 * (z[one] - level)
-            if z[one] - level > least and grown and size[other] > 20:
-                saddle.setdefault(one, level)
+        for first, other in ((a, b), (b, a)):
+            grown = size[other] > 0.3 * size[first] or z[other] - level > 0.3 * (z[first] - level)
+            if z[first] - level > least and grown and size[other] > 20:
+                saddle.setdefault(first, level)
         if rank[a] > rank[b]:
             a, b = b, a
         root[b] = a
@@ -284,12 +284,12 @@ def _on_plane(surfels: Surfels, edges: Indices, plane: Interface) -> list[Candid
         if sizes[number] < LEAST_SURFELS:
             break
         thing = above & (part == number)
-        foot = thing & (height < _LOW_VOXELS * voxel)
-        if height[thing].max() < LEAST_PEAK_VOXELS * voxel or not foot.any() or not top.any():
+        bottom = thing & (height < _LOW_VOXELS * voxel)
+        if height[thing].max() < LEAST_PEAK_VOXELS * voxel or not bottom.any() or not top.any():
             continue
-        away, _ = cKDTree(flat[foot, :2]).query(flat[top, :2])
-        beside = flat[top][away < _BESIDE_VOXELS * voxel, :2] - flat[foot, :2].mean(axis=0)
-        if len(np.unique(sectors(beside))) < _SURROUNDED * SECTORS:
+        away, _ = cKDTree(flat[bottom, :2]).query(flat[top, :2])
+        offset = flat[top][away < _BESIDE_VOXELS * voxel, :2] - flat[bottom, :2].mean(axis=0)
+        if len(np.unique(sectors(offset))) < _SURROUNDED * SECTORS:
             continue
         peak = int(np.argmax(np.where(thing, height, -np.inf)))
         seeds, far = thing_and_rest(surfels, edges, thing, peak, height)
@@ -337,15 +337,15 @@ def joined_rock(points_m: Array, rock: Flags, seeds: Flags) -> Flags:
     touch; a side that was seen from afar is sparse throughout. Parts of a rock between which nobody saw it are parts
     nevertheless.
     """
-    number, kept = np.flatnonzero(rock), np.zeros(len(rock), bool)
+    number, selected = np.flatnonzero(rock), np.zeros(len(rock), bool)
     away_m, near = cKDTree(points_m[rock]).query(points_m[rock], min(_NEIGHBOURS, len(number)))
     spacing_m = away_m[:, min(4, away_m.shape[1] - 1)]
     joined = away_m < JOINED_SPACINGS * np.minimum(spacing_m[:, None], spacing_m[near])
-    one, other = np.nonzero(joined)
-    part = joined_parts(np.column_stack([one, near[one, other]]), len(number))
+    first, other = np.nonzero(joined)
+    part = joined_parts(np.column_stack([first, near[first, other]]), len(number))
     large = np.bincount(part) >= LEAST_SURFELS
-    kept[number] = (large & (np.bincount(part, seeds[rock]) > 0.0))[part]
-    return kept
+    selected[number] = (large & (np.bincount(part, seeds[rock]) > 0.0))[part]
+    return selected
 
 
 def minimum_cut(

@@ -30,7 +30,7 @@ _LEAST_PATCHES = 40
 _NEIGHBOURS = 9
 
 
-def side_gone_on(base: UnseenSide, flat_m: Array, normals: Array, step_m: float) -> tuple[Array, Array]:
+def extended_side(base: UnseenSide, flat_m: Array, normals: Array, step_m: float) -> tuple[Array, Array]:
     """Places (k, 3) of the side above an unseen rim, u, v, h, and their outward normals, about a step apart.
 
     base: over whose unseen range the side is closed.
@@ -55,8 +55,8 @@ def side_gone_on(base: UnseenSide, flat_m: Array, normals: Array, step_m: float)
             ways.append(out[inside])
     if not rings or not sum(map(len, rings)):
         return np.zeros((0, 3)), np.zeros((0, 3))
-    places, way = np.vstack(rings), np.vstack(ways)
-    return places, _outward(places, way)
+    places, direction = np.vstack(rings), np.vstack(ways)
+    return places, _outward(places, direction)
 
 
 def _unseen(patches_m: Array, normals: Array, led_down: Array) -> UnseenSide | None:
@@ -69,12 +69,12 @@ def _unseen(patches_m: Array, normals: Array, led_down: Array) -> UnseenSide | N
         return None
 
 
-def _outward(places_m: Array, way: Array) -> Array:
+def _outward(places_m: Array, direction: Array) -> Array:
     """Normals (k, 3) of planes through the neighbourhood of each place, on the side of a horizontal way (k, 2)."""
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(places_m))
     cloud.estimate_normals(o3d.geometry.KDTreeSearchParamKNN(_NEIGHBOURS))
     normals = np.array(cloud.normals)
-    sense = np.sign((normals[:, :2] * way).sum(axis=1))
+    sense = np.sign((normals[:, :2] * direction).sum(axis=1))
     return normals * np.where(sense == 0.0, 1.0, sense)[:, None]
 
 
@@ -128,7 +128,7 @@ def close_rock(surfels: Surfels, rock: Flags, base: Base, interface: Interface) 
     height = float(np.ptp(flat[:, 2]))
     unseen, outward = np.zeros((0, 3)), np.zeros((0, 3))
     if base.side is not None:
-        unseen, outward = side_gone_on(base.side, flat, flat_normals, 2.0 * surfels.voxel_m)
+        unseen, outward = extended_side(base.side, flat, flat_normals, 2.0 * surfels.voxel_m)
     body = _poisson(np.vstack([flat, sunk, unseen]), np.vstack([flat_normals, down, outward]))
     body = body.simplify(_SIMPLIFIED_SHARE_OF_HEIGHT * height)
     edges = flat + _EDGE_VOXELS * surfels.voxel_m * flat_normals
@@ -149,7 +149,7 @@ def close_rock(surfels: Surfels, rock: Flags, base: Base, interface: Interface) 
     on_plane = np.abs(vertices[:, 2] - interface.rise(vertices)[:, 2]) < 1e-9 * height
     return ClosedRock(
         rock_body,
-        *_shares(vertices[faces], np.asarray(on_plane[faces].all(axis=1)), flat, surfels.voxel_m, interface),
+        *_areas(vertices[faces], np.asarray(on_plane[faces].all(axis=1)), flat, surfels.voxel_m, interface),
     )
 
 
@@ -166,8 +166,8 @@ def _apart(vertices: Array, faces: Indices, reach_m: float) -> Array:
     touching = np.unique(cKDTree(vertices).query_pairs(0.1 * reach_m, output_type="ndarray"))
     moved = vertices.copy()
     for vertex in touching:
-        way = vertices[faces[(faces == vertex).any(axis=1)]].mean(axis=(0, 1)) - vertices[vertex]
-        moved[vertex] += reach_m * way / max(float(np.linalg.norm(way)), reach_m)
+        direction = vertices[faces[(faces == vertex).any(axis=1)]].mean(axis=(0, 1)) - vertices[vertex]
+        moved[vertex] += reach_m * direction / max(float(np.linalg.norm(direction)), reach_m)
     return moved
 
 
@@ -207,8 +207,8 @@ def _above_surface(base: Base, flat: Array, height_m: float, sheet: Sheet) -> ma
     low, high = float(flat[:, 2].min()) - height_m, float(flat[:, 2].max()) + height_m
     out = np.array([0.5 * sheet.lattice_m, overhang + height_m])
     u, v = (
-        np.concatenate([each[0] - out[::-1], each, each[-1] + out])
-        for each in (nodes[:, 0, 0], nodes[0, :, 1])
+        np.concatenate([axis[0] - out[::-1], axis, axis[-1] + out])
+        for axis in (nodes[:, 0, 0], nodes[0, :, 1])
     )
     across, along = np.meshgrid(u, v, indexing="ij")
     return body_over(across, along, np.pad(floor, 2, constant_values=low), high)
@@ -271,7 +271,7 @@ def _capped(vertices: Array, faces: Indices) -> tuple[Array, Indices]:
     return np.concatenate(new_vertices), np.concatenate(new_faces)
 
 
-def _shares(
+def _areas(
     corner: Array, on_plane: Flags, seen: Array, voxel_m: float, interface: Interface
 ) -> tuple[float, float, float, float]:
     """Shares as of a closed rock, of triangles (n, 3, 3) as u, v, h."""
@@ -280,9 +280,9 @@ def _shares(
     crown = twice @ interface.axes[2] > 2.0 * LEVEL * area
     near = cKDTree(seen).query(corner.mean(axis=1))[0] < 2.0 * voxel_m
     seen_m2, closed_m2, crown_m2 = area[near & ~on_plane].sum(), area[on_plane].sum(), area[crown].sum()
-    shares = np.array([seen_m2, closed_m2, area[~near & ~on_plane].sum()]) / area.sum()
+    fractions = np.array([seen_m2, closed_m2, area[~near & ~on_plane].sum()]) / area.sum()
     unseen_crown = area[crown & ~near].sum() / crown_m2 if crown_m2 else 0.0
-    return float(shares[0]), float(shares[1]), float(shares[2]), float(unseen_crown)
+    return float(fractions[0]), float(fractions[1]), float(fractions[2]), float(unseen_crown)
 
 
 def _not_closed(what: str) -> InputError:

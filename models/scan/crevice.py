@@ -30,9 +30,9 @@ _RELIEFS, _RELIEF_PER_HEIGHT = 3.0, 0.001
 """Standard deviations of the pedestal's relief about the interface above which it hardly rises under the rock, and
 the least one, over the rock's height."""
 _FOOT_PER_HEIGHT = 0.006
-"""What hangs over the sheet, no farther outside the rock's outline on the ground than this, is its foot."""
+"""Distance outside the rock's outline on the ground up to which points that overhang the sheet are the rock's."""
 _LEVEL_PER_HEIGHT = 0.02
-"""Near to the interface plane the sheet's cells tell how rough the pedestal is; on steep sides they do not."""
+"""Distance from the interface plane within which the sheet's cells show the pedestal's roughness."""
 _IN_ORDER = 50
 """Cells along the longest side of points that are asked for in order."""
 LEAST_SEEN = 30
@@ -176,10 +176,10 @@ def _relabelled(
     inside = np.abs(flat[:, 2]) < _BAND_PER_HEIGHT * height_m
     inside &= inside_box(flat[:, :2], grid.first_m, grid.nodes_m[-1, -1])
     near, near_label = flat[inside], label[inside]
-    beside = int((near_label == PEDESTAL).sum())
-    if beside < LEAST_SEEN and not given:
+    adjacent = int((near_label == PEDESTAL).sum())
+    if adjacent < LEAST_SEEN and not given:
         return label
-    check_seen(beside, "pedestal", given=given)
+    check_seen(adjacent, "pedestal", given=given)
     # Above its relief beside the rock the sheet would climb the rock's own foot.
     low_enough = (near_label == PEDESTAL) | (
         near[:, 2] < _RELIEFS * max(interface.roughness_m, _RELIEF_PER_HEIGHT * height_m)

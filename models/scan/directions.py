@@ -39,9 +39,9 @@ def middle(flat_m: Array) -> Array:
     return np.asarray(0.5 * (flat_m[:, :2].min(axis=0) + flat_m[:, :2].max(axis=0)))
 
 
-def azimuth_text(way: Array, interface: Interface) -> str:
+def azimuth_text(direction: Array, interface: Interface) -> str:
     """Azimuth and compass bearing of a way (2,) along the interface's u and v, in words."""
-    return direction_text(azimuth_deg(interface.axes[:, :2] @ way))
+    return direction_text(azimuth_deg(interface.axes[:, :2] @ direction))
 
 
 def direction_text(toward_deg: float) -> str:

@@ -30,7 +30,7 @@ _REACH_HEIGHTS = 0.6
 has left its support by half its height is falling, whatever it meets."""
 _CELLS_PER_HEIGHT = 60
 _LEVEL_PER_HEIGHT = 0.003
-"""What is no farther from the interface is level, where the ground is met as a surface."""
+"""Distance from the interface up to which ground is level, where it is met as a surface."""
 
 
 _MEDIAN_OF = 13
@@ -47,9 +47,9 @@ class Ground:
     # list of (k, 3): where the pedestal ends, the pedestal on the left side.
     edges_m: list[Array]
     # What of that surface stands beside the rock and is no map of heights, in words.
-    beside: str | None = None
+    surroundings: str | None = None
 
-    def with_beside(self, stands: Surroundings, interface: Interface, height_m: float) -> Ground:
+    def with_surroundings(self, stands: Surroundings, interface: Interface, height_m: float) -> Ground:
         """Add what stands beside the rock, in as few triangles as the relief around the rock needs."""
         own = self.pedestal
         assert own.vertices_m is not None
@@ -68,7 +68,7 @@ class Ground:
         vertices = interface.scene(np.vstack([vertices for vertices, _ in parts]))
         faces = np.vstack([faces + start for (_, faces), start in zip(parts, first, strict=False)])
         pedestal = replace(own, vertices_m=vertices, faces=faces)
-        return replace(self, pedestal=pedestal, beside=stands.sentence)
+        return replace(self, pedestal=pedestal, surroundings=stands.sentence)
 
 
 def pedestal_ground(surfels: Surfels, pedestal: Flags, rock: Rock, interface: Interface) -> Ground:
@@ -116,15 +116,15 @@ def _outline_m(rock: Rock, interface: Interface, height_m: float) -> Array:
     return interface.scene(np.column_stack([corners, np.zeros(len(corners))]) + interface.rise(corners))
 
 
-def kept_of(ground: Ground, seen_m: Array, interface: Interface) -> dict[str, Any]:
+def completeness(ground: Ground, seen_m: Array, interface: Interface) -> dict[str, Any]:
     """How much of what was seen of the pedestal the scene keeps, and why not the rest."""
     assert ground.pedestal.vertices_m is not None
     assert ground.pedestal.faces is not None
-    kept = interface.flat(ground.pedestal.vertices_m)[:, :2]
+    selected = interface.flat(ground.pedestal.vertices_m)[:, :2]
     step = max(1, len(seen_m) // 100_000)
     flat = interface.flat(seen_m[::step])[:, :2]
-    cell = float(np.diff(np.unique(np.round(kept[:, 0], 9))).max()) if len(kept) else 0.0
-    inside = cKDTree(kept).query(flat, distance_upper_bound=cell)[0] <= cell
+    cell = float(np.diff(np.unique(np.round(selected[:, 0], 9))).max()) if len(selected) else 0.0
+    inside = cKDTree(selected).query(flat, distance_upper_bound=cell)[0] <= cell
     return {
         "triangles": len(ground.pedestal.faces),
         "resolution_m": cell,
@@ -178,9 +178,9 @@ def _underside(flat_rock: Array, faces: Indices, grid: Grid) -> Array:
     return np.fmin(ndimage.grey_erosion(low, size=3), over)
 
 
-def _triangles(nodes: Array, surface: Array, kept: Flags) -> tuple[Array, Indices]:
-    faces = grid_triangles(kept.shape)
-    faces = faces[kept.ravel()[faces].all(axis=1)]
+def _triangles(nodes: Array, surface: Array, selected: Flags) -> tuple[Array, Indices]:
+    faces = grid_triangles(selected.shape)
+    faces = faces[selected.ravel()[faces].all(axis=1)]
     used, faces = np.unique(faces, return_inverse=True)
     vertices = np.column_stack([nodes.reshape(-1, 2), surface.ravel()])[used]
     return vertices, faces.reshape(-1, 3)
@@ -263,10 +263,10 @@ def pedestal_surface(
     height_m: of the rock.
     given: plane that describes it; otherwise the one nearest to what is seen beside the rock.
     """
-    beside, away, rim = _ring(surfels, rock, height_m)
-    if beside.sum() < _LEAST_PATCHES or len(rim) < _LEAST_RIM:
+    adjacent, away, rim = _ring(surfels, rock, height_m)
+    if adjacent.sum() < _LEAST_PATCHES or len(rim) < _LEAST_RIM:
         return None
-    points, normals, away = surfels.points_m[beside], surfels.normals[beside], away[beside]
+    points, normals, away = surfels.points_m[adjacent], surfels.normals[adjacent], away[adjacent]
     frame = given or _plane_of(points, _areas(points))
     flat, flat_normals, flat_rim = frame.flat(points), normals @ frame.axes, frame.flat(rim)
     try:
@@ -281,7 +281,7 @@ def pedestal_surface(
     if found is None:
         return None
     over = found.at(below)
-    if _is_one_plane(found, below, over, height_m):
+    if _is_single_plane(found, below, over, height_m):
         return None
     lattice, roughness = _lattice_m(below, height_m), float(np.sqrt((over**2).mean()))
     frame, found = _along_the_crease(frame, found)
@@ -290,13 +290,13 @@ def pedestal_surface(
     return Interface(frame.point_m, frame.normal, frame.axes, roughness, sheet)
 
 
-def _is_one_plane(found: Sheet, below: Array, over: Array, height_m: float) -> bool:
+def _is_single_plane(found: Sheet, below: Array, over: Array, height_m: float) -> bool:
     """Whether heights (n,) of a surface at places (n, 2) below a rock, and its normals there, are those of a plane."""
     plane, step = _fitted(np.column_stack([below, over])), 1e-3 * height_m
     off = np.abs(_heights(plane, below) - over).max() / height_m
     if off <= _NEAR_PER_HEIGHT or off > _OFF_PER_HEIGHT:
         return bool(off <= _NEAR_PER_HEIGHT)
-    rises = [found.at(below + step * way) - found.at(below - step * way) for way in np.eye(2)]
+    rises = [found.at(below + step * axis) - found.at(below - step * axis) for axis in np.eye(2)]
     normals = np.column_stack([-rises[0], -rises[1], np.full(len(below), 2.0 * step)])
     cosine = normals @ _normal(plane) / np.linalg.norm(normals, axis=1)
     return bool(np.rad2deg(np.arccos(cosine.min())) <= _ALIKE_DEG)
@@ -321,11 +321,11 @@ def level_surface(surfels: Surfels, rock: Flags, height_m: float, plane: Interfa
 def _ring(surfels: Surfels, rock: Flags, height_m: float) -> tuple[Flags, Array, Array]:
     """Which patches carry a rock and lie beside it, the distance of each from it, and places (k, 3) of its rim."""
     away = cKDTree(surfels.points_m[rock]).query(surfels.points_m)[0]
-    beside = ~rock & (surfels.normals[:, 2] > _UPWARD) & (away < _RING_PER_HEIGHT * height_m)
-    if not beside.any():
-        return beside, away, np.zeros((0, 3))
-    near_ground = cKDTree(surfels.points_m[beside]).query(surfels.points_m[rock])[0]
-    return beside, away, surfels.points_m[rock][near_ground < 3.0 * surfels.voxel_m]
+    adjacent = ~rock & (surfels.normals[:, 2] > _UPWARD) & (away < _RING_PER_HEIGHT * height_m)
+    if not adjacent.any():
+        return adjacent, away, np.zeros((0, 3))
+    near_ground = cKDTree(surfels.points_m[adjacent]).query(surfels.points_m[rock])[0]
+    return adjacent, away, surfels.points_m[rock][near_ground < 3.0 * surfels.voxel_m]
 
 
 def _along_the_crease(frame: Interface, sheet: Sheet) -> tuple[Interface, Sheet]:
@@ -335,8 +335,8 @@ def _along_the_crease(frame: Interface, sheet: Sheet) -> tuple[Interface, Sheet]
     a, *across = sheet.planes[0] - sheet.planes[1]
     across = np.array(across)
     shift = -a * across / (across @ across)
-    way = across / np.linalg.norm(across)
-    turn = np.column_stack([way, [-way[1], way[0]]])
+    direction = across / np.linalg.norm(across)
+    turn = np.column_stack([direction, [-direction[1], direction[0]]])
     axes = np.column_stack([frame.axes[:, :2] @ turn, frame.normal])
     height = sheet.planes[:, 0] + sheet.planes[:, 1:] @ shift
     planes = np.column_stack([height, sheet.planes[:, 1:] @ turn])
@@ -384,10 +384,10 @@ def faceted(flat: Array, normals: Array, height_m: float) -> Sheet | None:
         return None
     # The smallest facet may be none: the largest two alone explain more then.
     sheets = [
-        each for count in range(2, len(planes) + 1) for each in _meetings(np.array(planes[:count]), flat)
+        sheet for count in range(2, len(planes) + 1) for sheet in _meetings(np.array(planes[:count]), flat)
     ]
     off = [np.abs(sheet.at(flat) - flat[:, 2]) for sheet in sheets]
-    best = int(np.argmin([np.minimum(each, 4.0 * _FACET_PER_HEIGHT * height_m) @ area for each in off]))
+    best = int(np.argmin([np.minimum(off_m, 4.0 * _FACET_PER_HEIGHT * height_m) @ area for off_m in off]))
     if (off[best] < 2.0 * _FACET_PER_HEIGHT * height_m) @ area < _EXPLAINED * area.sum():
         return None
     sheet = _refitted(sheets[best], flat)
@@ -397,8 +397,8 @@ def faceted(flat: Array, normals: Array, height_m: float) -> Sheet | None:
 def _refitted(sheet: Sheet, flat: Array) -> Sheet:
     """Fit each facet anew to the patches that are its own, and lie in it but for their noise."""
     for _ in range(3):
-        each = np.array([_heights(plane, flat) for plane in sheet.planes]) - flat[:, 2]
-        own, off = np.abs(each).argmin(axis=0), np.abs(sheet.at(flat) - flat[:, 2])
+        heights = np.array([_heights(plane, flat) for plane in sheet.planes]) - flat[:, 2]
+        own, off = np.abs(heights).argmin(axis=0), np.abs(sheet.at(flat) - flat[:, 2])
         near = off < 3.0 * 1.4826 * np.median(off)
         planes = [
             _fitted(flat[near & (own == k)]) if (near & (own == k)).sum() > 9 else plane
@@ -467,10 +467,10 @@ def _normal(plane: Array) -> Array:
     return normal / np.linalg.norm(normal)
 
 
-def _differ(one: Array, other: Array, flat: Array, height_m: float) -> bool:
+def _differ(first: Array, other: Array, flat: Array, height_m: float) -> bool:
     """Whether two facets are two: by their slopes, or by a step between them."""
-    bent = np.rad2deg(np.arccos(min(1.0, float(_normal(one) @ _normal(other))))) > _LEAST_BEND_DEG
-    apart = np.abs(_heights(one, flat) - _heights(other, flat)).min() > 2.0 * _OFF_PER_HEIGHT * height_m
+    bent = np.rad2deg(np.arccos(min(1.0, float(_normal(first) @ _normal(other))))) > _LEAST_BEND_DEG
+    apart = np.abs(_heights(first, flat) - _heights(other, flat)).min() > 2.0 * _OFF_PER_HEIGHT * height_m
     return bool(bent or apart)
 
 

@@ -71,7 +71,7 @@ def outside_cloud(
 
     asked: what to give in its place.
     """
-    place, low, high = (", ".join(f"{each:.2f}" for each in places) for places in (place_m, low_m, high_m))
+    place, low, high = (", ".join(f"{x:.2f}" for x in places) for places in (place_m, low_m, high_m))
     return InputError(
         "hint.outside_cloud",
         f"{place} lies outside the cloud",
@@ -95,16 +95,16 @@ def read_hints(path: Path) -> dict[str, Any]:
     InputError
         If the file is absent, large, no TOML, or has another key.
     """
-    said = read_toml(path, _unusable)
-    for key in said:
+    hints = read_toml(path, _unusable)
+    for key in hints:
         if key not in KEYS:
             raise _unusable(
                 "hint.unknown", f"'{key}' is no hint; {did_you_mean(key, KEYS, 'see the list')}", path
             )
-    return said
+    return hints
 
 
-def hints_text(said: Mapping[str, Any]) -> str:
+def hints_text(hints: Mapping[str, Any]) -> str:
     """The file's content: TOML's strings, numbers and arrays of these are those of JSON.
 
     Examples
@@ -115,14 +115,14 @@ def hints_text(said: Mapping[str, Any]) -> str:
     point = ["1.0,2.0,3.5"]
     """
     lines = ["# Repeat the scan: toppling scan FILES --hints hints.toml --out FOLDER"]
-    lines += [f"{key} = {json.dumps(plain(key, said[key]))}" for key in KEYS if said.get(key)]
+    lines += [f"{key} = {json.dumps(plain(key, hints[key]))}" for key in KEYS if hints.get(key)]
     return "\n".join(lines) + "\n"
 
 
-def write_hints(path: Path, said: Mapping[str, Any]) -> None:
+def write_hints(path: Path, hints: Mapping[str, Any]) -> None:
     """Write what was said, complete or not at all."""
     with new_file(path) as staging:
-        staging.write_text(hints_text(said), encoding="utf-8")
+        staging.write_text(hints_text(hints), encoding="utf-8")
 
 
 def plain(key: str, value: Any) -> Any:
@@ -134,11 +134,11 @@ def plain(key: str, value: Any) -> Any:
     if key == "length":
         return [_as_text(value[0]), _as_text(value[1]), float(value[2])]
     if key == "pull":
-        return [[float(each) for each in pull] for pull in value]
+        return [[float(number) for number in pull] for pull in value]
     if key in ("near", "plane"):
-        return [float(each) for each in value]
+        return [float(number) for number in value]
     return _as_text(value) if key == "up" else value
 
 
 def _as_text(place: str | Place) -> str:
-    return place if isinstance(place, str) else ",".join(repr(float(each)) for each in place)
+    return place if isinstance(place, str) else ",".join(repr(float(number)) for number in place)

@@ -42,31 +42,31 @@ class Sheet:
 
     def _smooth(self, flat_m: Array) -> Array:
         u, v = flat_m[..., 0], flat_m[..., 1]
-        each = self.planes[:, 0] + u[..., None] * self.planes[:, 1] + v[..., None] * self.planes[:, 2]
+        heights = self.planes[:, 0] + u[..., None] * self.planes[:, 1] + v[..., None] * self.planes[:, 2]
         if self.how == "curve":
             offset = flat_m[..., :2] - self.middle_m
             away = np.linalg.norm(offset, axis=-1, keepdims=True)
             near = offset * np.minimum(1.0, self.reach_m / np.maximum(away, 1e-12))
             uu, uv, vv = self.sides[0]
             bend = uu * near[..., 0] ** 2 + 2.0 * uv * near[..., 0] * near[..., 1] + vv * near[..., 1] ** 2
-            return np.asarray(each[..., 0] + 0.5 * bend)
+            return np.asarray(heights[..., 0] + 0.5 * bend)
         if self.how == "steps":
             side = self.sides[:, 0] + u[..., None] * self.sides[:, 1] + v[..., None] * self.sides[:, 2]
-            return np.take_along_axis(each, side.argmax(axis=-1)[..., None], axis=-1)[..., 0]
-        return np.asarray(each.max(axis=-1) if self.how == "hollow" else each.min(axis=-1))
+            return np.take_along_axis(heights, side.argmax(axis=-1)[..., None], axis=-1)[..., 0]
+        return np.asarray(heights.max(axis=-1) if self.how == "hollow" else heights.min(axis=-1))
 
     def to_json(self) -> dict[str, Any]:
         """What :meth:`of` reads."""
         return {
-            each.name: value.tolist() if isinstance(value := getattr(self, each.name), np.ndarray) else value
-            for each in fields(self)
+            item.name: value.tolist() if isinstance(value := getattr(self, item.name), np.ndarray) else value
+            for item in fields(self)
         }
 
     @classmethod
-    def of(cls, told: Mapping[str, Any]) -> Sheet:
+    def of(cls, stored: Mapping[str, Any]) -> Sheet:
         """The sheet of a document."""
         read: dict[str, Any] = {
-            name: np.array(value) if isinstance(value, list) else value for name, value in told.items()
+            name: np.array(value) if isinstance(value, list) else value for name, value in stored.items()
         }
         return cls(**read)
 
@@ -92,7 +92,7 @@ def between_nodes(flat_m: Array, lattice_m: float, at_nodes: Callable[[Array], A
     first = np.floor(share + 1e-9)
     share = share - first
     corner = first + np.where(share[..., :1] >= share[..., 1:], [1.0, 0.0], [0.0, 1.0])
-    start, side, end = (at_nodes(each * lattice_m) for each in (first, corner, first + 1.0))
+    start, side, end = (at_nodes(node * lattice_m) for node in (first, corner, first + 1.0))
     return np.asarray(start + (side - start) * share.max(axis=-1) + (end - side) * share.min(axis=-1))
 
 
@@ -158,12 +158,9 @@ class Interface:
         slope = np.zeros((len(flat_m), 2))
         if self.sheet is not None:
             step = 0.5 * self.sheet.lattice_m * np.eye(2)
-            slope = (
-                np.column_stack(
-                    [self.sheet.at(flat_m[:, :2] + way) - self.sheet.at(flat_m[:, :2] - way) for way in step]
-                )
-                / self.sheet.lattice_m
-            )
+            places, sheet = flat_m[:, :2], self.sheet
+            rises = [sheet.at(places + offset) - sheet.at(places - offset) for offset in step]
+            slope = np.column_stack(rises) / sheet.lattice_m
         normal = np.column_stack([-slope, np.ones(len(slope))])
         return normal / np.linalg.norm(normal, axis=1)[:, None]
 
@@ -271,5 +268,5 @@ def fitted_plane(points: Array) -> Interface:
     centre, normal, height, weight = reweighted_plane(
         points, np.ones(len(points)), lambda height, _: 1.4826 * float(np.median(np.abs(height)))
     )
-    kept = weight > 0.05
-    return Interface.through(centre, normal, float(np.sqrt((height[kept] ** 2).mean())))
+    inliers = weight > 0.05
+    return Interface.through(centre, normal, float(np.sqrt((height[inliers] ** 2).mean())))

@@ -35,7 +35,7 @@ def is_mesh(path: Path) -> bool:
     suffix = path.suffix.lower()
     if suffix != ".ply" or not path.is_file():
         return suffix in MESH_FORMATS and suffix != ".ply"
-    return any(each.name == "face" and each.count > 0 for each in read_header(path).elements)
+    return any(element.name == "face" and element.count > 0 for element in read_header(path).elements)
 
 
 def mesh_as_in_file(path: Path) -> tuple[Array, Indices]:
@@ -63,18 +63,18 @@ def check_frame(
     usual = "y" if path.suffix.lower() in UPWARD_Y else "z"  # unless somebody says otherwise
     sideways = None if placement.says_up else _sideways(vertices, faces, usual)
     sized = None if placement.says_scale or unit_given else _sized(vertices)
-    told = {
-        as_it_is: doubt
-        for as_it_is, doubt in ((f"--up {usual}", sideways), ("--units m", sized))
-        if doubt is not None
+    found = {
+        as_it_is: warning
+        for as_it_is, warning in ((f"--up {usual}", sideways), ("--units m", sized))
+        if warning is not None
     }
-    if told:
+    if found:
         raise InputError(
             "mesh.frame_unstated",
-            "; ".join(what for what, _ in told.values()),
+            "; ".join(what for what, _ in found.values()),
             where=str(path),
             expected=f"a mesh in metres with {usual} up, or options that say what it is in",
-            remedy=f"give {' '.join(option for _, option in told.values())}; {' '.join(told)} keeps it as it is, and "
+            remedy=f"give {' '.join(option for _, option in found.values())}; {' '.join(found)} keeps it as it is, and "
             "control points (--gcp) say both",
         )
     if placement.by.startswith("--gcp"):
@@ -119,12 +119,12 @@ def _sideways(vertices: Array, faces: Indices, usual: str) -> tuple[str, str] | 
     axis = min(AXES, key=lambda name: _angle_deg(facing, AXES[name]))
     if _angle_deg(facing, AXES[axis]) < _NEAR_AXIS_DEG:
         return f"it looks {axis} up: its surface faces {axis} in the mean, not {usual}", f"--up {axis}"
-    way = ",".join(f"{each:.2f}" for each in facing)
+    xyz = ",".join(f"{x:.2f}" for x in facing)
     what = (
-        f"its surface faces {way} in the mean, {off:.0f} degrees from {usual} (what is up differs from {way} by the "
+        f"its surface faces {xyz} in the mean, {off:.0f} degrees from {usual} (what is up differs from {xyz} by the "
         "slope of the ground)"
     )
-    return what, f"--up {way}"
+    return what, f"--up {xyz}"
 
 
 def _sized(vertices: Array) -> tuple[str, str] | None:
@@ -143,8 +143,8 @@ def _sized(vertices: Array) -> tuple[str, str] | None:
     return what, f"--units {'|'.join(likely) or 'UNIT'}"
 
 
-def _angle_deg(one: Array, other: object) -> float:
-    return float(np.rad2deg(np.arccos(np.clip(np.dot(one, np.asarray(other, float)), -1.0, 1.0))))
+def _angle_deg(first: Array, other: object) -> float:
+    return float(np.rad2deg(np.arccos(np.clip(np.dot(first, np.asarray(other, float)), -1.0, 1.0))))
 
 
 def points_on(vertices: Array, faces: Indices) -> tuple[Array, Indices]:
@@ -223,15 +223,15 @@ def _twisted(faces: Indices) -> float:
 def _seen(scene: o3d.t.geometry.RaycastingScene, points: Array, normals: Array, size: float) -> Flags:
     seen = np.zeros(len(points), bool)
     left = np.arange(len(points))
-    for way in _ways():
-        rows = left[normals[left] @ way > _GRAZING]
+    for direction in _ways():
+        rows = left[normals[left] @ direction > _GRAZING]
         start = points[rows] + _LIFT * size * normals[rows]
-        rays = np.concatenate([start, np.broadcast_to(way, start.shape)], axis=1).astype(np.float32)
+        rays = np.concatenate([start, np.broadcast_to(direction, start.shape)], axis=1).astype(np.float32)
         hit = scene.cast_rays(o3d.core.Tensor.from_numpy(rays))
         away = hit["t_hit"].numpy()
-        front = hit["primitive_normals"].numpy() @ way < 0.0
+        front = hit["primitive_normals"].numpy() @ direction < 0.0
         free = np.isfinite(away) & (away > _ROOM * size) & front
-        seen[rows[free | (np.isinf(away) & (way[2] > _LOWEST))]] = True
+        seen[rows[free | (np.isinf(away) & (direction[2] > _LOWEST))]] = True
         left = left[~seen[left]]
     return seen
 

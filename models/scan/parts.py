@@ -37,7 +37,7 @@ class Part:
     values: tuple[float, ...] = ()
 
     @classmethod
-    def of(cls, said: str, option: str) -> Part:
+    def of(cls, text: str, option: str) -> Part:
         """Read `ground.obj`, `40`, `2,6` or `label=1`.
 
         Examples
@@ -45,11 +45,11 @@ class Part:
         >>> Part.of("label=1,2", "--rock").values, Part.of("rock.obj", "--rock").file.name
         ((1.0, 2.0), 'rock.obj')
         """
-        field, _, values = said.rpartition("=")
+        field, _, values = text.rpartition("=")
         try:
-            numbers = tuple(float(each) for each in values.split(","))
+            numbers = tuple(float(value) for value in values.split(","))
         except ValueError:
-            return cls(option, Path(said))
+            return cls(option, Path(text))
         return cls(option, None, field.strip().lower(), numbers)
 
     def among(self, path: Path) -> bool:
@@ -124,7 +124,7 @@ def _has_values(path: Path, part: Part, points: int) -> Flags:
         there = ", ".join(f"{value:g} ({n})" for value, n in list(zip(values, count, strict=True))[:_SHOWN])
         raise InputError(
             "parts.class_empty",
-            f"no point has the value {', '.join(f'{each:g}' for each in part.values)}",
+            f"no point has the value {', '.join(f'{number:g}' for number in part.values)}",
             where=f"{path.name}, {part.option}",
             expected=f"one of those there, with their points: {there}",
             remedy="look which value the part has in the program that separated it",
@@ -142,7 +142,7 @@ def _scalar(path: Path, part: Part) -> Array | None:
         return None
     vertices = {name.lower(): values for name, values in read_vertices(path).items()}
     names = [part.field] if part.field else _CLASSES
-    name = next((each for name in names for each in (name, f"scalar_{name}") if each in vertices), None)
+    name = next((field for name in names for field in (name, f"scalar_{name}") if field in vertices), None)
     if name is None:
         return None
     finite = np.isfinite([vertices[axis] for axis in "xyz"]).all(axis=0)
@@ -176,10 +176,10 @@ def _check_together(patches_m: Array, label: NDArray[np.int8], height_m: float) 
     apart_m = float(cKDTree(pedestal).query(rock)[0].min()) if len(pedestal) and len(rock) else np.inf
     if apart_m < _APART_PER_HEIGHT * height_m:
         return
-    told = f"{apart_m:.3g} m" if np.isfinite(apart_m) else "farther than the rock is high"
+    distance = f"{apart_m:.3g} m" if np.isfinite(apart_m) else "farther than the rock is high"
     raise InputError(
         "rock.apart_from_pedestal",
-        f"rock and pedestal lie apart, where they are nearest by {told}",
+        f"rock and pedestal lie apart, where they are nearest by {distance}",
         where="--rock, --pedestal",
         expected=f"a rock that stands on its pedestal, in the files no farther from it than "
         f"{_APART_PER_HEIGHT * height_m:.2g} m",

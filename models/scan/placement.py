@@ -61,12 +61,12 @@ class Fit:
     names: tuple[str, ...]
 
     @property
-    def told(self) -> str:
+    def sentence(self) -> str:
         """Say it."""
-        each = ", ".join(f"{name} {off:.2g}" for name, off in zip(self.names, self.residuals_m, strict=True))
+        offs = ", ".join(f"{name} {off:.2g}" for name, off in zip(self.names, self.residuals_m, strict=True))
         return (
             f"{len(self.names)} control points, {self.scale:.6g} m a unit (± {self.scale_share_std:.1%}, so the volume "
-            f"± {3.0 * self.scale_share_std:.1%}), residuals in m: {each}"
+            f"± {3.0 * self.scale_share_std:.1%}), residuals in m: {offs}"
         )
 
 
@@ -193,12 +193,12 @@ def _check_header(header: str, path: str, in_metres: bool) -> None:
     words = [set(re.findall("[a-z]+", cell)) for cell in cells[-6:]]
     if len(words) < 6:
         return
-    surveyed = [all(each & _SURVEYED for each in part) for part in (words[:3], words[3:])]
+    surveyed = [all(value & _SURVEYED for value in part) for part in (words[:3], words[3:])]
     if surveyed == [True, False]:
         raise _unusable(
             "placement.sides_exchanged", "names the surveyed coordinates before the model's", path
         )
-    other = [cell.strip() for cell, each in zip(cells[-3:], words[3:], strict=True) if each & _OTHER_UNITS]
+    other = [cell.strip() for cell, value in zip(cells[-3:], words[3:], strict=True) if value & _OTHER_UNITS]
     if in_metres and other:
         raise _unusable(
             "coordinates.unit_not_metres",
@@ -267,11 +267,11 @@ def placement_of(
             )
         fit = fit_control_points(gcp, metres_per_unit)
         return Placement(
-            fit.scale, fit.turn, fit.shift_m, f"--gcp: {fit.told}", says_up=True, says_scale=True
+            fit.scale, fit.turn, fit.shift_m, f"--gcp: {fit.sentence}", says_up=True, says_scale=True
         )
-    turn, said = (upward(up), f"--up {_words(up)}") if up else (np.eye(3), "")
+    turn, note = (upward(up), f"--up {_words(up)}") if up else (np.eye(3), "")
     if length is None:
-        return Placement(turn=turn, by=said, says_up=bool(up))
+        return Placement(turn=turn, by=note, says_up=bool(up))
     start, end, metres = np.asarray(length[0], float), np.asarray(length[1], float), float(length[2])
     apart = float(np.linalg.norm(end - start))
     if not (0.0 < apart < np.inf and 0.0 < metres < np.inf):
@@ -282,7 +282,7 @@ def placement_of(
             expected="two different places X,Y,Z of the model and a length in metres above 0",
             remedy="pick two marks whose distance was measured",
         )
-    by = f"--length: {apart:.6g} units are {metres:g} m" + (f"; {said}" if said else "")
+    by = f"--length: {apart:.6g} units are {metres:g} m" + (f"; {note}" if note else "")
     return Placement(metres / apart, turn, by=by, says_up=bool(up), says_scale=True)
 
 
@@ -319,7 +319,7 @@ def upward(axis: str | Sequence[float]) -> Array:
 
 
 def _words(up: str | Sequence[float] | None) -> str:
-    return up if isinstance(up, str) else ",".join(f"{each:g}" for each in up or ())
+    return up if isinstance(up, str) else ",".join(f"{value:g}" for value in up or ())
 
 
 _LONGEST_WKT = 20_000
@@ -487,8 +487,8 @@ def _unit_name(across: float, up: float) -> str:
     known: dict[float, str] = {}
     for unit in get_units_map(auth_name="EPSG", category="linear").values():
         known.setdefault(round(unit.conv_factor, 9), unit.name)
-    one, other = (known.get(round(each, 9), f"{each:.9g} m") for each in (across, up))
-    return one if one == other else f"{one}, heights in {other}"
+    first, other = (known.get(round(value, 9), f"{value:.9g} m") for value in (across, up))
+    return first if first == other else f"{first}, heights in {other}"
 
 
 def _keys(keys: bytes, doubles: bytes) -> dict[int, float]:

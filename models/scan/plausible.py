@@ -12,7 +12,7 @@ from toppling.models.lengths import in_degrees
 _TOLD_PER_HEIGHT = 1e-3
 """Steps above this share of the rock's height are told with their effect."""
 _COARSEST_PER_HEIGHT = 1e-2
-"""Above this one they are as wide as the patches that rock and pedestal are made of, and the crevice is lost."""
+"""Step over the height above which steps are as wide as patches, and the crevice is lost."""
 _SAMPLE = 200_000
 _MULTIPLES = 0.9
 """Share of the distances between neighbouring values that must be multiples of a step."""
@@ -246,12 +246,12 @@ def check_axes(points_m: Array, path: Path) -> None:
     if not is_geocentric(points_m):
         return
     up = _middle(points_m) / _EARTH_AXES_M**2
-    way = ",".join(f"{each:.6f}" for each in up / np.linalg.norm(up))
+    up_text = ",".join(f"{value:.6f}" for value in up / np.linalg.norm(up))
     raise InputError(
         "coordinates.geocentric",
         "coordinates are about the Earth's centre (geocentric, as EPSG:4978): z points to the pole, not upward",
         where=str(path),
         expected="x east, y north and z up",
         remedy="export in a projected coordinate system, such as UTM, with heights; or give "
-        f"--up={way}, the way upward there: x and y of the scene are then level, but not east and north",
+        f"--up={up_text}, the way upward there: x and y of the scene are then level, but not east and north",
     )

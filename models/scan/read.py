@@ -71,8 +71,8 @@ class Source:
 
     def with_less(self, copies: int) -> "Source":
         """Source with fewer points, the copies of others, which are stated."""
-        told = [self.note, f"{copies} points are copies of others and were left out" if copies else ""]
-        note = "; ".join(filter(None, told))
+        notes = [self.note, f"{copies} points are copies of others and were left out" if copies else ""]
+        note = "; ".join(filter(None, notes))
         return replace(self, points=self.points - copies, left_out=self.left_out + copies, note=note)
 
     def to_json(self) -> dict[str, Any]:
@@ -158,15 +158,15 @@ def read_clouds(
         unit that is not understood, survey coordinates in single precision, or points at 0, 0, 0 far from all others;
         or a mesh shows that it is not in metres or that z is not up.
     """
-    said = _Said(unit, placement or Placement(), system)
+    asked = _Said(unit, placement or Placement(), system)
     survey: list[Array] = []
     stations: list[NDArray[np.int32]] = []
     sources: list[Source] = []
     meshes: dict[int, _Mesh] = {}
     first_mesh = None
     for path in map(Path, paths):
-        read = _read_file(path, said)
-        points, station, source = _in_metres(read, path, said)
+        read = _read_file(path, asked)
+        points, station, source = _in_metres(read, path, asked)
         survey.append(points)
         after = int(stations[-1].max()) + 1 if stations else 0
         if read.mesh is not None:
@@ -174,17 +174,17 @@ def read_clouds(
             after = first_mesh
             vertices, faces, triangle = read.mesh
             across, up = source.metres_per_unit
-            placed = said.placement.apply(vertices * (across, across, up))
+            placed = asked.placement.apply(vertices * (across, across, up))
             meshes[len(sources)] = placed, faces, triangle
         stations.append(station + np.int32(after))
         sources.append(source)
     _leave_out_buried(meshes, survey, stations, sources)
-    origin = np.floor(np.median(np.vstack([each[:: max(1, len(each) // 10000)] for each in survey]), axis=0))
+    origin = np.floor(np.median(np.vstack([part[:: max(1, len(part) // 10000)] for part in survey]), axis=0))
     points = _joined(survey, origin)
     station = stations[0] if len(stations) == 1 else np.concatenate(stations)
-    files = tuple((each.name, each.points) for each in sources)
-    kept = tuple(meshes[k][:2] if k in meshes else None for k in range(len(sources)))
-    return Cloud(points, origin, station, files, tuple(sources), meshes=kept)
+    files = tuple((source.name, source.points) for source in sources)
+    surfaces = tuple(meshes[k][:2] if k in meshes else None for k in range(len(sources)))
+    return Cloud(points, origin, station, files, tuple(sources), meshes=surfaces)
 
 
 def _joined(survey: list[Array], origin_m: Array) -> Array:
@@ -212,9 +212,9 @@ def _leave_out_buried(
         np.concatenate([survey[number] for number in meshes]), normals, [mesh[:2] for mesh in meshes.values()]
     )
     ends = np.cumsum([len(survey[number]) for number in meshes])
-    for number, kept in zip(meshes, np.split(seen, ends[:-1]), strict=True):
-        survey[number], stations[number] = survey[number][kept], stations[number][kept]
-        sources[number] = replace(sources[number], points=int(kept.sum()))
+    for number, own_seen in zip(meshes, np.split(seen, ends[:-1]), strict=True):
+        survey[number], stations[number] = survey[number][own_seen], stations[number][own_seen]
+        sources[number] = replace(sources[number], points=int(own_seen.sum()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,7 +241,7 @@ class _Said:
         return self.unit is not None or self.placement.says_scale or self.system is not None
 
 
-def _in_metres(read: _Read, path: Path, said: _Said) -> tuple[Array, NDArray[np.int32], Source]:
+def _in_metres(read: _Read, path: Path, asked: _Said) -> tuple[Array, NDArray[np.int32], Source]:
     """Finite points in metres, z up, and what became of the others."""
     points, station, counted = read.points, read.station, {**read.left_out}
     if not np.isfinite(points.sum()):
@@ -252,18 +252,18 @@ def _in_metres(read: _Read, path: Path, said: _Said) -> tuple[Array, NDArray[np.
         points, station = points[~unmeasured], station[~unmeasured]
         counted["are marked as not measured"] = int(unmeasured.sum())
     left_out = sum(counted.values())
-    scale, by, note = _unit_of(read, said)
+    scale, by, note = _unit_of(read, asked)
     check_points(points, path, counted, scale)
     if scale != (1.0, 1.0):
         points *= (scale[0], scale[0], scale[1])
     check_returns(points, path)
-    placement = said.placement
+    placement = asked.placement
     if not placement.says_up:
         check_axes(points, path)
     points = placement.apply(points) if placement.by else points
     notes = [f"{count} points {what} and were left out" for what, count in counted.items() if count]
-    notes += [each for each in (read.note, note, placement.by and f"placed by {placement.by}") if each]
-    stated = said.system or (None if placement.says_scale else read.reference)
+    notes += [part for part in (read.note, note, placement.by and f"placed by {placement.by}") if part]
+    stated = asked.system or (None if placement.says_scale else read.reference)
     source = Source(
         path.name,
         len(points),
@@ -279,25 +279,25 @@ def _in_metres(read: _Read, path: Path, said: _Said) -> tuple[Array, NDArray[np.
     return points, _counted(station), source
 
 
-def _unit_of(read: _Read, said: _Said) -> tuple[tuple[float, float], str, str]:
+def _unit_of(read: _Read, asked: _Said) -> tuple[tuple[float, float], str, str]:
     """Metres of a unit across and upward, who says so, and what should be told of it."""
-    if said.placement.says_scale:
+    if asked.placement.says_scale:
         return (1.0, 1.0), "", ""
     stated, by = None, ""
     if read.reference is not None:
         across, up = read.reference["metres_per_unit"]
         stated, by = (across, up), f"{read.reference['name']}: {read.reference['unit']}"
     given = option = name = None
-    if said.unit is not None:
-        given, option, name = (METRES[said.unit],) * 2, f"--units {said.unit}", NAMES[said.unit]
-    elif said.system is not None:
-        across, up = said.system["metres_per_unit"]
-        given, name = (across, up), f"{said.system['name']} ({said.system['unit']})"
+    if asked.unit is not None:
+        given, option, name = (METRES[asked.unit],) * 2, f"--units {asked.unit}", NAMES[asked.unit]
+    elif asked.system is not None:
+        across, up = asked.system["metres_per_unit"]
+        given, name = (across, up), f"{asked.system['name']} ({asked.system['unit']})"
         option = f"--crs: {name}"
     if given is not None and option is not None:
         differs = stated is not None and not np.allclose(given, stated, rtol=_UNIT_TOLERANCE, atol=0.0)
-        other = said.system is not None and read.reference is not None and read.reference["epsg"]
-        differs |= bool(other) and said.system is not None and other != said.system["epsg"]
+        other = asked.system is not None and read.reference is not None and read.reference["epsg"]
+        differs |= bool(other) and asked.system is not None and other != asked.system["epsg"]
         return given, option, f"read in {name}, though it says {by}" if differs else ""
     if stated is None or stated == (1.0, 1.0):
         return (1.0, 1.0), by, ""
@@ -305,7 +305,7 @@ def _unit_of(read: _Read, said: _Said) -> tuple[tuple[float, float], str, str]:
     return stated, by, f"converted to metres as its coordinates are in other units ({by}){also}"
 
 
-def _read_file(path: Path, said: _Said) -> _Read:
+def _read_file(path: Path, asked: _Said) -> _Read:
     """Coordinates of a file in double precision, in its unit."""
     if not path.is_file():
         raise _unreadable(
@@ -313,20 +313,20 @@ def _read_file(path: Path, said: _Said) -> _Read:
             "a folder" if path.is_dir() else "no such file",
             path,
         )
-    suffix, unit_given = path.suffix.lower(), said.unit_given
+    suffix, unit_given = path.suffix.lower(), asked.unit_given
     if suffix not in FORMATS + MESH_FORMATS:
         raise _unreadable("cloud.format_unknown", f"unknown format '{suffix}'", path)
     note = ""
     try:
         if is_mesh(path):
-            return _read_mesh(path, said)
+            return _read_mesh(path, asked)
         if suffix in _GUARDED:
             reader, libraries = _GUARDED[suffix]
-            told, (points, station) = read_guarded(f"toppling.models.scan.binary:{reader}", path, libraries)
-            if told["refusal"] and not unit_given:
-                raise InputError(**told["refusal"] | {"where": str(path)})
-            step, left_out = np.array(told["step"]), told.get("left_out", {})
-            return _Read(points, station, step, told["reference"], left_out=left_out)
+            answer, (points, station) = read_guarded(f"toppling.models.scan.binary:{reader}", path, libraries)
+            if answer["refusal"] and not unit_given:
+                raise InputError(**answer["refusal"] | {"where": str(path)})
+            step, left_out = np.array(answer["step"]), answer.get("left_out", {})
+            return _Read(points, station, step, answer["reference"], left_out=left_out)
         if suffix == ".ptx":
             points, station, step, left_out = read_ptx(path)
             return _Read(points, station, step, left_out=left_out)
@@ -347,16 +347,16 @@ def _read_file(path: Path, said: _Said) -> _Read:
     return _Read(points, station, coordinate_steps(points), note=note)
 
 
-def _read_mesh(path: Path, said: _Said) -> _Read:
+def _read_mesh(path: Path, asked: _Said) -> _Read:
     """Points on a mesh of one or several pieces, open or closed."""
     vertices, faces = mesh_as_in_file(path)
-    if not said.unit_given:
+    if not asked.unit_given:
         check_remarks(remarks_of(path), str(path))
-    check_frame(vertices, faces, path, said.placement, unit_given=said.unit_given)
-    if path.suffix.lower() in UPWARD_Y and not said.placement.says_up:
+    check_frame(vertices, faces, path, asked.placement, unit_given=asked.unit_given)
+    if path.suffix.lower() in UPWARD_Y and not asked.placement.says_up:
         vertices = vertices[:, [0, 2, 1]] * (1.0, -1.0, 1.0)
-    if said.placement.says_up:
-        faces = facing_up(vertices, faces, said.placement)
+    if asked.placement.says_up:
+        faces = facing_up(vertices, faces, asked.placement)
     points, triangle = points_on(vertices, faces)
     station = np.zeros(len(points), np.int32)
     mesh = (vertices, faces, triangle)

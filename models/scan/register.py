@@ -60,7 +60,7 @@ def _check(names: list[str], samples: list[Array], origin_m: Array, least: float
     """Refuse the one of several clouds that overlaps the others least, if by less than such a share."""
     against = [_Against.of(samples, number) for number in range(len(samples))]
     _refuse_other_units(against, names, origin_m)
-    shown = [each.shared() for each in against]
+    shown = [file.shared() for file in against]
     alone = [number for number, share in enumerate(shown) if share < least]
     if not alone:
         return
@@ -138,13 +138,13 @@ class _Against:
 def _refuse_other_units(against: list[_Against], names: list[str], origin_m: Array) -> None:
     """Blame the file whose conversion brings it and the others together best."""
     gains = [
-        (each.fit_gained(unit, origin_m), unit < 1.0, unit, number)
-        for number, each in enumerate(against)
+        (file.fit_gained(unit, origin_m), unit < 1.0, unit, number)
+        for number, file in enumerate(against)
         for length in _LENGTHS_M.values()
         for unit in (length, 1.0 / length)
     ]
     # Of two files each fits the other by conversion; that with the larger numbers is not in metres.
-    gain, larger, unit, number = max(gains, key=lambda each: (each[0] > _FITS_BETTER, each[1], each[0]))
+    gain, larger, unit, number = max(gains, key=lambda found: (found[0] > _FITS_BETTER, found[1], found[0]))
     if gain > _FITS_BETTER:
         name = next(word for word, length in _LENGTHS_M.items() if length in (unit, 1.0 / unit))
         explanation = (
@@ -223,16 +223,16 @@ def without(cloud: Cloud, again: Flags | None) -> Cloud:
         return cloud
     ends = np.cumsum([points for _, points in cloud.files])
     left_out = [int(part.sum()) for part in np.split(again, ends[:-1])]
-    kept = ~again
+    unique = ~again
     return dataclasses.replace(
         cloud,
-        points_m=cloud.points_m[kept],
-        station=cloud.station[kept],
+        points_m=cloud.points_m[unique],
+        station=cloud.station[unique],
         files=tuple(
             (name, points - less) for (name, points), less in zip(cloud.files, left_out, strict=True)
         ),
         sources=tuple(source.with_less(less) for source, less in zip(cloud.sources, left_out, strict=False)),
-        label=None if cloud.label is None else cloud.label[kept],
+        label=None if cloud.label is None else cloud.label[unique],
     )
 
 
@@ -325,18 +325,18 @@ def register(cloud: Cloud) -> tuple[Cloud, dict[str, Any]]:
     before = _residual(stations, pose, _REACH_VOXELS[-1] * voxel)
     for reach in _REACH_VOXELS:
         step = _step(stations, pose, reach * voxel, centre, size)
-        pose = [_moved(each, centre, size) @ old for each, old in zip(step, pose, strict=True)]
+        pose = [_moved(twist, centre, size) @ old for twist, old in zip(step, pose, strict=True)]
     after = _residual(stations, pose, _REACH_VOXELS[-1] * voxel)
     report: dict[str, Any] = {"stations": count, "voxel_m": voxel, "residual_before_m": before}
     if before is None or after is None or not after < _WORTH * before:
         report["of_stations"] = _fits(stations, [np.eye(4) for _ in stations], voxel)
         return cloud, {**report, "residual_m": before, "applied": False}
     points = np.empty_like(cloud.points_m)
-    for rows, each in zip(members, pose, strict=True):
+    for rows, own in zip(members, pose, strict=True):
         # R p + t = R (p + R' t)
-        points[rows] = shifted_and_turned(cloud.points_m[rows], -each[:3, 3] @ each[:3, :3], each[:3, :3].T)
-    shift = [(each[:3, :3] @ centre + each[:3, 3] - centre).tolist() for each in pose]
-    turn = [float(np.rad2deg(Rotation.from_matrix(each[:3, :3]).magnitude())) for each in pose]
+        points[rows] = shifted_and_turned(cloud.points_m[rows], -own[:3, 3] @ own[:3, :3], own[:3, :3].T)
+    shift = [(own[:3, :3] @ centre + own[:3, 3] - centre).tolist() for own in pose]
+    turn = [float(np.rad2deg(Rotation.from_matrix(own[:3, :3]).magnitude())) for own in pose]
     report |= {"residual_m": after, "applied": True, "shift_m": shift, "turn_deg": turn}
     report["of_stations"] = _fits(stations, pose, voxel)
     return dataclasses.replace(cloud, points_m=points), report
@@ -350,18 +350,18 @@ def check_fit(cloud: Cloud, registration: dict[str, Any]) -> None:
     each other.
     """
     fits = [
-        (k, each)
-        for k, each in enumerate(registration.get("of_stations", []))
-        if each["paired_share"] is not None
+        (k, fit)
+        for k, fit in enumerate(registration.get("of_stations", []))
+        if fit["paired_share"] is not None
     ]
     if len(fits) == 2:
-        _check_two([each for _, each in fits], registration["voxel_m"], cloud.files)
+        _check_two([fit for _, fit in fits], registration["voxel_m"], cloud.files)
     if len(fits) < 3:
         return
     number, worst = min(fits, key=lambda fit: fit[1]["paired_share"])
-    others = [each for k, each in fits if k != number]
-    usual = float(np.median([each["paired_share"] for each in others]))
-    residuals = [each["residual_m"] for each in others if each["residual_m"] is not None]
+    others = [fit for k, fit in fits if k != number]
+    usual = float(np.median([fit["paired_share"] for fit in others]))
+    residuals = [fit["residual_m"] for fit in others if fit["residual_m"] is not None]
     own = worst["residual_m"]
     above = np.inf if own is None else own / max(float(np.median(residuals)), 1e-12) if residuals else 0.0
     if not any(worst["paired_share"] < share * usual and above > times for share, times in _OFF):
@@ -383,8 +383,8 @@ def _check_two(
     fits: list[dict[str, float | None]], voxel_m: float, files: tuple[tuple[str, int], ...]
 ) -> None:
     """Refuse two stations that do not fit each other, however they lie: of two nobody can say which is off."""
-    residuals = [each["residual_m"] for each in fits if each["residual_m"] is not None]
-    own = [each["own_m"] or np.inf for each in fits]
+    residuals = [fit["residual_m"] for fit in fits if fit["residual_m"] is not None]
+    own = [fit["own_m"] or np.inf for fit in fits]
     of_voxel, of_own = _TWO_OFF
     if len(residuals) < 2:
         what = "where one saw points, none of the other lies on the same surface"
@@ -440,8 +440,8 @@ def _pairs(
 
 def _placed(stations: list[_Thinned], pose: list[Array]) -> list[_Thinned]:
     return [
-        _Thinned(each.points @ p[:3, :3].T + p[:3, 3], each.normals @ p[:3, :3].T)
-        for each, p in zip(stations, pose, strict=True)
+        _Thinned(station.points @ p[:3, :3].T + p[:3, 3], station.normals @ p[:3, :3].T)
+        for station, p in zip(stations, pose, strict=True)
     ]
 
 
@@ -449,11 +449,11 @@ def _fits(stations: list[_Thinned], pose: list[Array], voxel_m: float) -> list[d
     """How well each station fits all others together."""
     placed = _placed(stations, pose)
     found: list[dict[str, float | None]] = []
-    for number, each in enumerate(placed):
+    for number, station in enumerate(placed):
         points = np.concatenate([other.points for k, other in enumerate(placed) if k != number])
         normals = np.concatenate([other.normals for k, other in enumerate(placed) if k != number])
-        step = max(1, len(each.points) // _SAMPLES)
-        own, facing = each.points[::step], each.normals[::step]
+        step = max(1, len(station.points) // _SAMPLES)
+        own, facing = station.points[::step], station.normals[::step]
         if len(own) and len(points):
             distance, near = cKDTree(points).query(own, distance_upper_bound=_NEARBY_VOXELS * voxel_m)
             nearby = np.isfinite(distance)
@@ -480,8 +480,8 @@ def _own_residual_m(station: _Thinned) -> float:
     """Robust standard deviation of the distances of a station's points from the planes of those beside them."""
     step = max(1, len(station.points) // _SAMPLES)
     points = station.points[::step]
-    beside = cKDTree(station.points).query(points, 2)[1][:, 1]
-    gap = np.einsum("ij,ij->i", points - station.points[beside], station.normals[beside])
+    neighbour = cKDTree(station.points).query(points, 2)[1][:, 1]
+    gap = np.einsum("ij,ij->i", points - station.points[neighbour], station.normals[neighbour])
     return 1.4826 * float(np.median(np.abs(gap)))
 
 

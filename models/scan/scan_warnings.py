@@ -98,7 +98,7 @@ def warnings_of(
         unseen_rim(observed, interface, closed.rock.com_m),
         tilted_frame(observed.surfels, observed.patches),
     ]
-    return [each for each in found if each is not None]
+    return [warning for warning in found if warning is not None]
 
 
 def _check_can_stand(rock: Rock, interface: Interface) -> None:
@@ -179,24 +179,24 @@ def _creased_share(observed: ObservedRock, interface: Interface) -> float | None
 def _contact(observed: ObservedRock, interface: Interface) -> ScanWarning | None:
     """A warning where the rock may be held: no crevice shows along its rim, or something touches it above its foot."""
     share, touch = _creased_share(observed, interface), _touched_above(observed, interface)
-    told = []
+    found = []
     if share is not None and share < _CREASED_SHARE:
-        told.append(
+        found.append(
             f"a crevice or crease between rock and pedestal shows along {share:.0%} of the rim that was seen: where "
             "none does the two may be one, or soil and plants cover the rim"
         )
     if touch.any():
         places = interface.flat(observed.surfels.points_m)
-        way = places[touch, :2].mean(axis=0) - places[observed.patches, :2].mean(axis=0)
-        told.append(
+        direction = places[touch, :2].mean(axis=0) - places[observed.patches, :2].mean(axis=0)
+        found.append(
             f"something touches the rock {np.median(places[touch, 2]):.2g} m above the interface, toward "
-            f"{azimuth_text(way, interface)}"
+            f"{azimuth_text(direction, interface)}"
         )
-    if not told:
+    if not found:
         return None
     return ScanWarning(
         "contact",
-        f"{'; '.join(told)}. The answer is that of a free block: is it free? If the two meet elsewhere, say where by "
+        f"{'; '.join(found)}. The answer is that of a free block: is it free? If the two meet elsewhere, say where by "
         "three places --point X,Y,Z; if they were separated already, give them as --rock and --pedestal",
     )
 
@@ -221,8 +221,8 @@ def off_hint(observed: ObservedRock, interface: Interface, origin_m: Array) -> S
         seen = fit_interface(observed.surfels, observed.patches)
     except InputError:  # next to nothing of it was seen, which is what hints are for
         return None
-    foot = interface.flat(observed.low_m) * [1.0, 1.0, 0.0]
-    rises_m = -seen.flat(interface.scene(foot))[:, 2]
+    bottom = interface.flat(observed.low_m) * [1.0, 1.0, 0.0]
+    rises_m = -seen.flat(interface.scene(bottom))[:, 2]
     low_m, high_m = float(rises_m.min()), float(rises_m.max())
     if max(-low_m, high_m) < OFF_PER_HEIGHT * observed.height_m:
         return None
@@ -239,20 +239,20 @@ def off_hint(observed: ObservedRock, interface: Interface, origin_m: Array) -> S
 
 def tilted_frame(surfels: Surfels, rock: Flags) -> ScanWarning | None:
     """A warning where levels at different heights beside a rock (k,) dip alike, as paving, steps and plinths do."""
-    beside = surfels.only(~rock & (surfels.normals[:, 2] > LEVEL))
-    points, even_m = beside.points_m, _EVEN_VOXELS * beside.voxel_m
+    level_patches = surfels.only(~rock & (surfels.normals[:, 2] > LEVEL))
+    points, even_m = level_patches.points_m, _EVEN_VOXELS * level_patches.voxel_m
     levels = []
-    for rough in level_planes(beside, neighbourhood(points, beside.voxel_m)):
+    for rough in level_planes(level_patches, neighbourhood(points, level_patches.voxel_m)):
         near = np.abs(rough.flat(points)[:, 2]) < even_m
         plane = fitted_plane(points[near])
         own = np.abs(plane.flat(points)[:, 2]) < 4.0 * even_m
         if near.mean() > _OF_LEVELS and (np.abs(plane.flat(points[own])[:, 2]) < even_m).mean() > _EVEN:
             levels.append(plane)
-    levels = [each for each in levels if each.normal @ levels[0].normal > np.cos(np.deg2rad(_ALIKE_DEG))]
+    levels = [plane for plane in levels if plane.normal @ levels[0].normal > np.cos(np.deg2rad(_ALIKE_DEG))]
     if not levels:
         return None
     dip_deg, toward_deg = slope_of_normal(levels[0].normal)
-    up_m = [float((each.point_m - levels[0].point_m) @ levels[0].normal) for each in levels]
+    up_m = [float((plane.point_m - levels[0].point_m) @ levels[0].normal) for plane in levels]
     apart_m = max(up_m) - min(up_m)
     if not _DIPS_DEG[0] < dip_deg < _DIPS_DEG[1] or apart_m < _APART_VOXELS * surfels.voxel_m:
         return None

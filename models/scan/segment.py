@@ -27,9 +27,9 @@ from toppling.models.scan.surfels import LEVEL, Surfels, orient, roughness, thin
 from toppling.models.shapes import joined_parts
 
 _RIVAL_SHARE = 0.6
-"""A second thing of this share of the first one's height may be the rock that is meant."""
+"""Least height, over the first candidate's, of a second one that may be the rock that is meant."""
 _NEAR_HEIGHTS = 1.5
-"""What is farther from where the user points than this many of its heights is not meant."""
+"""Largest distance, in its heights, of a candidate from where the user points."""
 _JOINED_VOXELS = 3.0
 """Patches so near to each other are neighbours."""
 _CIRCLES, _FEWEST_AROUND = (0.2, 0.08, 0.032, 0.0128), 5000
@@ -55,13 +55,13 @@ def choose(candidates: list[Candidate], near_m: Array | None, origin_m: Array, c
             "the cloud",
         )
     if chosen.rivals:
-        each = [chosen, *chosen.rivals]
-        z = [float(np.median(thing.loop_m[:, 2]) + origin_m[2]) for thing in each]
+        things = [chosen, *chosen.rivals]
+        z = [float(np.median(thing.loop_m[:, 2]) + origin_m[2]) for thing in things]
         raise InputError(
             "scan.several_creases",
             "a crease goes around one thing at several heights: as a rock it is "
             + ", or ".join(
-                f"{thing.height_m:.3g} m high from z {up:.2f} on" for thing, up in zip(each, z, strict=True)
+                f"{thing.height_m:.3g} m high from z {up:.2f} on" for thing, up in zip(things, z, strict=True)
             ),
             where="segmentation",
             expected="one crease, or a hint which one parts the rock from its pedestal",
@@ -88,7 +88,7 @@ def _nothing_stands(coarse: Surfels, origin_m: Array) -> InputError:
 
 def _lies_on(near_m: Array, things: list[Candidate]) -> bool:
     """Whether a place (2,) lies on one of some things in plan view."""
-    return any(_away_m(each, near_m) == 0.0 for each in things)
+    return any(_away_m(thing, near_m) == 0.0 for thing in things)
 
 
 def _away_m(thing: Candidate, near_m: Array) -> float:
@@ -116,7 +116,7 @@ def look_around(
 
 def _nearest(standing: list[Candidate], near_m: Array, origin_m: Array) -> Candidate:
     """Pick what the user points at, the highest of those, or what is nearest to it, if that is near."""
-    away = [_away_m(each, near_m) for each in standing]
+    away = [_away_m(thing, near_m) for thing in standing]
     first = int(np.argmin(away))
     if away[first] > _NEAR_HEIGHTS * standing[first].height_m:
         raise InputError(
@@ -159,10 +159,10 @@ def with_reason(error: InputError, points_m: Array) -> InputError:
     return _with(error, _too_noisy(patches) or _too_few(points_m))
 
 
-def _with(error: InputError, told: tuple[str, str] | None) -> InputError:
-    if told is None:
+def _with(error: InputError, hint: tuple[str, str] | None) -> InputError:
+    if hint is None:
         return error
-    what, remedy = told
+    what, remedy = hint
     return InputError(
         error.code,
         f"{error.what}; {what}",
@@ -230,13 +230,13 @@ _SHEET_ROUGHNESS = 0.3
 """Thickness over width of a fine voxel's neighbourhood among clutter, below which it lies on a surface: the ground
 below a bush, a wall's edge."""
 _LABELLING_POINTS = 20
-"""So many points for each patch tell its label."""
+"""Number of points for each patch that decide its label."""
 _OVER_VOXELS = 2.0
-"""What rises by so much over a surface that was found is none of it."""
+"""Height over a surface beyond which points do not belong to it."""
 _GROUND_PER_HEIGHT = 0.03
 """The ground beside a rock rises no higher over the interface."""
 _FEWEST_OF_A_SURFACE = 100
-"""Fewer points among clutter are clutter."""
+"""Least number of points of a surface among clutter."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -396,8 +396,8 @@ def cut_over(points_m: Array, parts: Segmentation, interface: Interface) -> Segm
     surfels, rock = parts.surfels, parts.surfel_label == ROCK
     over, clear = interface.over(surfels.points_m), _OVER_VOXELS * surfels.voxel_m
     outline = ConvexHull(over[rock, :2]).equations
-    beside = (over[:, :2] @ outline[:, :2].T + outline[:, 2]).max(axis=1) > clear
-    seeds, far = rock & (over[:, 2] > clear), ~rock & (beside | (over[:, 2] < -clear))
+    outside = (over[:, :2] @ outline[:, :2].T + outline[:, 2]).max(axis=1) > clear
+    seeds, far = rock & (over[:, 2] > clear), ~rock & (outside | (over[:, 2] < -clear))
     if not seeds.any() or not far.any():
         return parts
     edges = neighbourhood(surfels.points_m, surfels.voxel_m)
@@ -418,8 +418,8 @@ def without_ground(
         spacing_m = cKDTree(surfels.points_m[rock]).query(surfels.points_m[rock], 5)[0][:, 4]
         own = np.zeros(len(rock))
         own[rock] = spacing_m
-        beside_m, nearest = cKDTree(over[above, :2]).query(over[level, :2])
-        level[level] = beside_m > JOINED_SPACINGS * np.minimum(own[level], own[above][nearest])
+        distance_m, nearest = cKDTree(over[above, :2]).query(over[level, :2])
+        level[level] = distance_m > JOINED_SPACINGS * np.minimum(own[level], own[above][nearest])
     return _relabelled(points_m, parts, level, PEDESTAL)
 
 

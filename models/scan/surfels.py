@@ -140,8 +140,8 @@ class _Rays:
         number = np.arange(_ESCAPE_DIRECTIONS)
         turn, z = np.pi * (3 - np.sqrt(5)) * number, lowest + (0.95 - lowest) * (number + 0.5) / len(number)
         level = np.sqrt(1 - z**2)
-        for way in np.column_stack([level * np.cos(turn), level * np.sin(turn), z]).astype(np.float32):
-            yield way, o3d.core.Tensor.from_numpy(np.hstack([start, np.broadcast_to(way, start.shape)]))
+        for ray in np.column_stack([level * np.cos(turn), level * np.sin(turn), z]).astype(np.float32):
+            yield ray, o3d.core.Tensor.from_numpy(np.hstack([start, np.broadcast_to(ray, start.shape)]))
 
     def escaping(self, out: Array) -> Array:
         """How many rays (n,) to the sky that start on one side of each patch meet no other.
@@ -160,13 +160,13 @@ class _Rays:
         front of a patch lies the ground that was seen, below what hangs over it.
         """
         out, count = side * normals[patches], np.zeros(len(patches))
-        for way, rays in self._from(patches, out, -1.0):
+        for ray, rays in self._from(patches, out, -1.0):
             met = self.scene.cast_rays(rays, nthreads=1)
             number, away_m = met["primitive_ids"].numpy(), met["t_hit"].numpy()
-            of_back = normals[number % len(normals)] @ way > 0.0
-            told = np.where(np.isfinite(away_m), np.where(of_back, -1.0, 1.0), float(way[2] > _SKY_FROM))
+            of_back = normals[number % len(normals)] @ ray > 0.0
+            signs = np.where(np.isfinite(away_m), np.where(of_back, -1.0, 1.0), float(ray[2] > _SKY_FROM))
             # What goes back through the patch's own sheet says nothing.
-            count += told * ((out @ way > _LEAVING) & (away_m > _OWN_SHEET_VOXELS * self.voxel_m))
+            count += signs * ((out @ ray > _LEAVING) & (away_m > _OWN_SHEET_VOXELS * self.voxel_m))
         return count
 
 
@@ -225,7 +225,7 @@ def thinned(points_m: Array, most: int = SHOWN_POINTS, among: Indices | None = N
     points = points_m[rows]
     voxel = float(np.ptp(points, axis=0).max()) / np.sqrt(most)
     for _ in range(8):
-        first = _one_per_voxel(points, voxel) if len(rows) > most else np.arange(len(rows))
+        first = _first_per_voxel(points, voxel) if len(rows) > most else np.arange(len(rows))
         if len(first) <= most and len(first) > _LEAST_SHARE * min(most, len(rows)):
             break
         # A surface's voxels go with the inverse square of their size.
@@ -241,7 +241,7 @@ def _spacing(points_m: Array) -> float:
     return float(np.quantile(cKDTree(points_m).query(some, neighbour + 1)[0][:, -1], _COVERED_SHARE))
 
 
-def _one_per_voxel(points_m: Array, voxel_m: float) -> Indices:
+def _first_per_voxel(points_m: Array, voxel_m: float) -> Indices:
     cell = np.floor((points_m - points_m.min(axis=0)) / voxel_m).astype(np.int64)
     size = cell.max(axis=0) + 1
     return np.unique((cell[:, 0] * size[1] + cell[:, 1]) * size[2] + cell[:, 2], return_index=True)[1]
@@ -290,6 +290,6 @@ def picked(points_m: Array, shown_m: Array, eye_m: Array, spacing_m: float) -> i
     along = (shown_m - eye_m) / max(float(np.linalg.norm(shown_m - eye_m)), 1e-12)
     offset = points_m[rows] - shown_m
     depth = offset @ along
-    beside = np.linalg.norm(offset - depth[:, None] * along, axis=1)
+    aside_m = np.linalg.norm(offset - depth[:, None] * along, axis=1)
     # Of points as near to the ray, the one in front is seen.
-    return int(rows[np.argmin(beside + 0.25 * np.maximum(depth, 0.0))])
+    return int(rows[np.argmin(aside_m + 0.25 * np.maximum(depth, 0.0))])

@@ -21,16 +21,16 @@ from toppling.models.shapes import joined_parts
 CELL_PER_HEIGHT = 0.03
 """Cells in which the rock's way is noted; what is a cell away from it is reached, as the rock slides a little too."""
 TILTS_DEG = np.arange(0.0, 54.0, 1.5)
-"""Beyond, it has fallen, and what it then meets does not catch it."""
+"""Tilts that are looked at; beyond them the rock has fallen, and nothing catches it."""
 _WAYS = 36
 _BASE_PER_HEIGHT = 0.06
-"""What of the rock is lower may be what it tips over."""
+"""Height below which the rock may tip over a place."""
 _ABOVE_PER_HEIGHT = 0.05
-"""What is lower is the ground's relief."""
+"""Height below which surroundings are the ground's relief."""
 _TOUCHING_VOXELS = 4.0
-"""So near to the rock thick neighbourhoods are of both sides of a crevice, and not of a plant."""
+"""Distance from the rock within which a thick neighbourhood is both sides of a crevice, and not a plant."""
 _LEAST_PATCHES = 25
-"""Fewer in reach are strays: an area of .05 by .05 of the height."""
+"""Least number of patches in reach that are no strays: an area of .05 by .05 of the height."""
 _STEEP = 0.5
 """Cosine to the interface's normal below which a patch is no ground."""
 _HIGHEST_GROUND_PER_HEIGHT = 0.25
@@ -89,16 +89,16 @@ def in_reach(surfels: Surfels, rock: Flags, pedestal: Flags, interface: Interfac
     own = own[np.unique(np.floor(own / (0.7 * cell)), axis=0, return_index=True)[1]]
     other = interface.over(surfels.points_m)
     high = pedestal & (other[:, 2] > _ABOVE_PER_HEIGHT * height_m)
-    foot = own[own[:, 2] < _BASE_PER_HEIGHT * height_m]
+    bottom = own[own[:, 2] < _BASE_PER_HEIGHT * height_m]
     found = np.zeros(len(rock), bool)
-    if not high.any() or len(foot) < 3:
+    if not high.any() or len(bottom) < 3:
         return found
     first = np.floor(other[high].min(axis=0) / cell).astype(int) - 2
     shape = np.floor(other[high].max(axis=0) / cell).astype(int) - first + 3
     swept = np.zeros(shape, bool)
-    for way in 2.0 * np.pi * np.arange(_WAYS) / _WAYS:
-        outward = np.array([np.cos(way), np.sin(way), 0.0])
-        pivot = foot[np.argmax(foot @ outward)] * [1.0, 1.0, 0.0]
+    for angle in 2.0 * np.pi * np.arange(_WAYS) / _WAYS:
+        outward = np.array([np.cos(angle), np.sin(angle), 0.0])
+        pivot = bottom[np.argmax(bottom @ outward)] * [1.0, 1.0, 0.0]
         for tilt in np.deg2rad(TILTS_DEG):
             turn = Rotation.from_rotvec(tilt * np.array([-outward[1], outward[0], 0.0]))
             place = np.floor((turn.apply(own - pivot) + pivot) / cell).astype(int) - first
@@ -126,8 +126,8 @@ def surroundings_met(
     rock, pedestal: (n,), which are theirs.
     height_m: of the rock.
     """
-    beside = cKDTree(surfels.points_m[rock]).query(surfels.points_m)[0] < _TOUCHING_VOXELS * surfels.voxel_m
-    pedestal = pedestal & (beside | ~in_plants(surfels.points_m, surfels.roughness))
+    touching = cKDTree(surfels.points_m[rock]).query(surfels.points_m)[0] < _TOUCHING_VOXELS * surfels.voxel_m
+    pedestal = pedestal & (touching | ~in_plants(surfels.points_m, surfels.roughness))
     reached = in_reach(surfels, rock, pedestal, interface, height_m)
     if not reached.any():
         return reached
@@ -189,9 +189,9 @@ def _sheets(surfels: Surfels, which: Flags) -> Indices:
 
 def _toward(axis_m: Array, points_m: Array, normals: Array, up: Array) -> Array:
     """Normals of steep patches turned toward the rock, from whose side it meets them: it hides their sky."""
-    way = axis_m - points_m
-    way -= (way @ up)[:, None] * up
-    away = np.einsum("ij,ij->i", normals, way) < -_FACES * np.linalg.norm(way, axis=1)
+    direction = axis_m - points_m
+    direction -= (direction @ up)[:, None] * up
+    away = np.einsum("ij,ij->i", normals, direction) < -_FACES * np.linalg.norm(direction, axis=1)
     turned = away & (np.abs(normals @ up) < _STEEP)
     return np.where(turned[:, None], -normals, normals)
 
@@ -213,8 +213,8 @@ def _surface(
     margin = _NEAR_VOXELS * voxel_m
     low, high = points_m.min(axis=0) - margin, points_m.max(axis=0) + margin
     ends = ((vertices > high) | (vertices < np.append(low[:2], -np.inf))).any(axis=1)
-    kept = over & (seen | _holes(faces, over & ~seen, ends))
-    return few_triangles(vertices, faces[kept], height_m)
+    selected = over & (seen | _holes(faces, over & ~seen, ends))
+    return few_triangles(vertices, faces[selected], height_m)
 
 
 def few_triangles(vertices_m: Array, faces: Indices, height_m: float) -> tuple[Array, Indices]:
@@ -246,9 +246,9 @@ def _off_m(mesh: Any, other: Any) -> Array:
     scene = o3d.t.geometry.RaycastingScene(nthreads=1)
     scene.add_triangles(o3d.t.geometry.TriangleMesh.from_legacy(other))
     found = scene.compute_closest_points(o3d.core.Tensor.from_numpy(places.astype(np.float32)), nthreads=1)
-    way = places - found["points"].numpy()
-    off = np.abs(np.einsum("ij,ij->i", way, found["primitive_normals"].numpy()))
-    return np.asarray(np.maximum(off, _OF_ENDS * np.linalg.norm(way, axis=1)))
+    direction = places - found["points"].numpy()
+    off = np.abs(np.einsum("ij,ij->i", direction, found["primitive_normals"].numpy()))
+    return np.asarray(np.maximum(off, _OF_ENDS * np.linalg.norm(direction, axis=1)))
 
 
 def _holes(faces: Indices, unseen: Flags, ends: Flags) -> Flags:

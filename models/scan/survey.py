@@ -18,7 +18,7 @@ from toppling.models.errors import InputError, refusals
 from toppling.models.files import digest
 from toppling.models.files.folder import new_folder, replaced_folder
 from toppling.models.files.schemas import GEOMETRY, LABELS, WORKED_OUT, read_own
-from toppling.models.hidden_base.from_scan import ContradictionError
+from toppling.models.hidden_base.draw_bases import ContradictionError
 from toppling.models.hidden_base.gap import hidden_base
 from toppling.models.hidden_base.inspection import Inspection
 from toppling.models.hidden_base.near_interface import near_the_interface
@@ -28,7 +28,7 @@ from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock, check_size
 from toppling.models.scan.close import SHARES, ClosedRock, close_rock
 from toppling.models.scan.crevice import check_seen, judge_crevice
-from toppling.models.scan.ground import Ground, kept_of, level_surface, pedestal_ground, pedestal_surface
+from toppling.models.scan.ground import Ground, completeness, level_surface, pedestal_ground, pedestal_surface
 from toppling.models.scan.hints_file import outside_cloud
 from toppling.models.scan.interface import Interface, Sheet, fit_interface
 from toppling.models.scan.interface_hint import InterfaceHint, check_near, points_text, seen_about_points
@@ -65,7 +65,7 @@ _unusable = refusals(
 
 
 @dataclass(frozen=True, eq=False)
-class WorkedOut:
+class CachedScan:
     """Everything that a scan found out before the hidden base was drawn."""
 
     observed: ObservedRock
@@ -79,9 +79,9 @@ class WorkedOut:
     # Intervals of the toppling acceleration without that knowledge, once they are known.
     unaided: list[dict[str, float]] | None = None
     # What the user said of the clouds and the interface, as `hints.toml` has it.
-    said: Mapping[str, Any] = field(default_factory=dict)
+    stated: Mapping[str, Any] = field(default_factory=dict)
 
-    def with_hints(self, given: Inspection) -> "WorkedOut":
+    def with_hints(self, given: Inspection) -> "CachedScan":
         """Replace what is known of the base by what is given, kind by kind."""
         known = self.inspection
         places = given if len(given.places_m) else known
@@ -103,7 +103,7 @@ class WorkedOut:
         station = np.zeros(len(points), np.int32)
         return Cloud(points, self.origin_m, station, ()), np.append(patches, sides).astype(np.int8)
 
-    def scene(self) -> tuple[Scene, "WorkedOut"]:
+    def scene(self) -> tuple[Scene, "CachedScan"]:
         """Draw the hidden base and make the scene; beside it the same with `unaided`, for the next hint.
 
         Raises
@@ -132,10 +132,10 @@ class WorkedOut:
 
     def write(self, path: Path) -> None:
         """Write the file, with its digest."""
-        np.savez(path, told=np.array(json.dumps(self._told())), **self._arrays())
+        np.savez(path, told=np.array(json.dumps(self._metadata())), **self._arrays())
         digest.seal_archive(path)
 
-    def _told(self) -> dict[str, Any]:
+    def _metadata(self) -> dict[str, Any]:
         observed, hint = self.observed, self.observed.hint
         return {
             "schema_version": SCHEMA_VERSION,
@@ -151,7 +151,7 @@ class WorkedOut:
             "surface": not self.pedestal.is_plane,
             "report": self.report,
             "unaided": self.unaided,
-            "said": dict(self.said),
+            "said": dict(self.stated),
         }
 
     def _arrays(self) -> dict[str, Any]:
@@ -176,7 +176,7 @@ class WorkedOut:
         return arrays
 
     @classmethod
-    def read(cls, scene: Path) -> "WorkedOut":
+    def read(cls, scene: Path) -> "CachedScan":
         """Read what the scan of a scene's folder has worked out.
 
         Raises
@@ -192,18 +192,18 @@ class WorkedOut:
         read_own(scene, (*GEOMETRY, LABELS, WORKED_OUT), stated=True)
         try:
             with zipfile.ZipFile(path) as archive:
-                if sum(each.file_size for each in archive.infolist()) > _MOST_BYTES:
+                if sum(member.file_size for member in archive.infolist()) > _MOST_BYTES:
                     raise _unusable(
                         "file.too_large", f"would unpack to more than {_MOST_BYTES >> 30} GB", path
                     )
-            with np.load(path, allow_pickle=False) as kept:
-                arrays = {name: kept[name] for name in kept.files}
-            told = json.loads(str(arrays["told"]))
-            if told["schema_version"] != SCHEMA_VERSION:
+            with np.load(path, allow_pickle=False) as stored:
+                arrays = {name: stored[name] for name in stored.files}
+            meta = json.loads(str(arrays["told"]))
+            if meta["schema_version"] != SCHEMA_VERSION:
                 raise _unusable(
-                    "document.schema_version", f"is of schema version {told['schema_version']}", path
+                    "document.schema_version", f"is of schema version {meta['schema_version']}", path
                 )
-            return cls._of(arrays, told)
+            return cls._of(arrays, meta)
         except InputError:
             raise
         except Exception as error:  # NumPy and zipfile raise whatever their parsers raise
@@ -212,40 +212,40 @@ class WorkedOut:
             ) from error
 
     @classmethod
-    def _of(cls, arrays: dict[str, Any], told: dict[str, Any]) -> "WorkedOut":
+    def _of(cls, arrays: dict[str, Any], meta: dict[str, Any]) -> "CachedScan":
         plane, surfels, bounds = arrays["plane"], arrays["surfels"], arrays["bounds"]
-        sheet = None if told["sheet"] is None else Sheet.of(told["sheet"])
-        interface = Interface(plane[0], plane[1], plane[2:], told["roughness_m"], sheet)
+        sheet = None if meta["sheet"] is None else Sheet.of(meta["sheet"])
+        interface = Interface(plane[0], plane[1], plane[2:], meta["roughness_m"], sheet)
         hint = None
-        if told["hint"] is not None:
-            kind, encloses = told["hint"]
+        if meta["hint"] is not None:
+            kind, encloses = meta["hint"]
             hint = InterfaceHint(interface, arrays["anchors"], encloses, kind)
-        rock_m, pedestal_m, height = arrays["rock_points"], arrays["pedestal_points"], told["height_m"]
+        rock_m, pedestal_m, height = arrays["rock_points"], arrays["pedestal_points"], meta["height_m"]
         low, lit = near_the_interface(interface.over(rock_m), interface.over(pedestal_m), height)
-        patches = Surfels(surfels[:, :3], surfels[:, 3:6], surfels[:, 6], told["voxel_m"])
+        patches = Surfels(surfels[:, :3], surfels[:, 3:6], surfels[:, 6], meta["voxel_m"])
         observed = ObservedRock(
             rock_m, pedestal_m, rock_m[low], pedestal_m[lit], patches, arrays["patches"], height, hint
         )
         rock = Rock.from_triangles(arrays["rock_vertices"], arrays["rock_faces"], where=WORKED_OUT)
-        surface = (arrays["pedestal_vertices"], arrays["pedestal_faces"]) if told["surface"] else (None, None)
+        surface = (arrays["pedestal_vertices"], arrays["pedestal_faces"]) if meta["surface"] else (None, None)
         inspection = Inspection(
             arrays["touching"],
             arrays["open"],
-            tuple((float(a), float(r)) for a, r in told["pulls"]),
-            told["base"],
-            bool(told["touch_only"]),
+            tuple((float(a), float(r)) for a, r in meta["pulls"]),
+            meta["base"],
+            bool(meta["touch_only"]),
         )
         return cls(
             observed=observed,
             interface=interface,
-            closed=ClosedRock(rock, *told["shares"]),
+            closed=ClosedRock(rock, *meta["shares"]),
             pedestal=Pedestal(*arrays["pedestal_plane"], *surface),
             origin_m=bounds[0],
             bounds_m=bounds[1:],
-            report=told["report"],
+            report=meta["report"],
             inspection=inspection,
-            unaided=told["unaided"],
-            said=told["said"],
+            unaided=meta["unaided"],
+            stated=meta["said"],
         )
 
 
@@ -269,7 +269,7 @@ class Survey:
     label: NDArray[np.int8]  # (n,): per point of the cloud: 0 rock, 1 pedestal, 2 neither
     # What the user should know of the clouds: units that were converted, points left out, coarse steps, a size.
     notes: tuple[str, ...] = ()
-    worked_out: WorkedOut | None = None  # what is kept for hints that come later
+    cached: CachedScan | None = None  # what is kept for hints that come later
 
 
 def survey(
@@ -301,8 +301,8 @@ def survey(
     """
     result, label, notes = work_out(cloud, progress, near_m, hint, inspection)
     progress("drawing the hidden base")
-    scene, kept = result.scene()
-    return Survey(scene, label, notes, kept)
+    scene, cached = result.scene()
+    return Survey(scene, label, notes, cached)
 
 
 def work_out(
@@ -311,7 +311,7 @@ def work_out(
     near_m: tuple[float, float] | None = None,
     hint: InterfaceHint | None = None,
     inspection: Inspection | None = None,
-) -> tuple[WorkedOut, NDArray[np.int8], tuple[str, ...]]:
+) -> tuple[CachedScan, NDArray[np.int8], tuple[str, ...]]:
     """Everything of :func:`survey` but the hidden base, the label of each point, and notes."""
     inspection = inspection or Inspection()
     inspection.check(*cloud.bounds_m)
@@ -335,9 +335,9 @@ def work_out(
     check_size(height_m, "units")
     check_above(observed, interface)
     check_inspection(observed, interface, inspection.moved(cloud.origin_m))
-    told = [f"{source.name}: {source.note}" for source in cloud.sources if source.note]
+    notes = [f"{source.name}: {source.note}" for source in cloud.sources if source.note]
     if cloud.coarsest is not None:
-        told.append(step_note(cloud.coarsest.step_m, height_m, cloud.coarsest.name))
+        notes.append(step_note(cloud.coarsest.step_m, height_m, cloud.coarsest.name))
     progress("closing the rock")
     base = hidden_base(observed.near(interface), observed.hint, interface)
     closed = close_rock(observed.surfels, observed.patches, base, interface)
@@ -345,13 +345,13 @@ def work_out(
     progress("meshing the pedestal")
     ground = pedestal_ground(observed.surfels, seen.pedestal, closed.rock, interface)
     below = at_most(np.flatnonzero(seen.label == PEDESTAL), _BESIDE_POINTS)
-    kept = kept_of(ground, cloud.points_m[below], interface)
-    if seen.beside.any():
-        beside = mesh_surroundings(observed.surfels, observed.patches, seen.beside, interface, height_m)
-        ground = ground.with_beside(beside, interface, height_m)
+    complete = completeness(ground, cloud.points_m[below], interface)
+    if seen.in_reach.any():
+        around = mesh_surroundings(observed.surfels, observed.patches, seen.in_reach, interface, height_m)
+        ground = ground.with_surroundings(around, interface, height_m)
     report = {
         **_surface_report(closed, interface, "fit" if hint is None else hint.kind, ground),
-        **({"not_free": {each.kind: each.sentence for each in doubted}} if doubted else {}),
+        **({"not_free": {doubt.kind: doubt.sentence for doubt in doubted}} if doubted else {}),
         "segmentation": {
             "rock_points": int((seen.label == ROCK).sum()),
             "pedestal_points": int((seen.label == PEDESTAL).sum()),
@@ -359,16 +359,16 @@ def work_out(
             "resolution_m": parts.surfels.voxel_m,
             "other_candidates": [{"top_m": [*other[:3]], "height_m": other[3]} for other in parts.others],
         },
-        "pedestal": kept,
+        "pedestal": complete,
         "registration": fitted.report,
         "files": [source.to_json() for source in cloud.sources]
         or [{"name": name, "points": points} for name, points in cloud.files],
         "uncertainty": spread_of(closed),
     }
-    told += [moved, size_note(height_m, closed.rock.volume_m3), *(each.sentence for each in doubted)]
+    notes += [moved, size_note(height_m, closed.rock.volume_m3), *(doubt.sentence for doubt in doubted)]
     seat = ground.pedestal, cloud.origin_m, fitted.bounds_m
-    worked_out = WorkedOut(observed, interface, closed, *seat, report, inspection)
-    return worked_out, seen.label, tuple(filter(None, told))
+    cached = CachedScan(observed, interface, closed, *seat, report, inspection)
+    return cached, seen.label, tuple(filter(None, notes))
 
 
 def _inside_cloud(near_m: tuple[float, float], cloud: Cloud) -> Array:
@@ -403,7 +403,7 @@ class _Seen:
     label: NDArray[np.int8]  # (n,), of each point
     pedestal: Flags  # (k,): which patches are the pedestal's
     interface: Interface
-    beside: Flags  # (k,): which are in reach of the tilting rock, and no map of heights shows them
+    in_reach: Flags  # (k,): which are in reach of the tilting rock, and no map of heights shows them
 
 
 def _classified(cloud: Cloud, parts: Segmentation, hint: InterfaceHint | None) -> _Seen:
@@ -413,11 +413,11 @@ def _classified(cloud: Cloud, parts: Segmentation, hint: InterfaceHint | None) -
     height = float(np.ptp(surfels.points_m[rock, 2]))
     if hint is None or not hint.encloses:
         plane = None if hint is None else interface
-        carried = pedestal_surface(surfels, rock, height, plane)
-        if carried is not None and cloud.label is None:
-            parts = cut_over(cloud.points_m, parts, carried)
+        surface = pedestal_surface(surfels, rock, height, plane)
+        if surface is not None and cloud.label is None:
+            parts = cut_over(cloud.points_m, parts, surface)
             rock = parts.surfel_label == ROCK
-        interface = carried or interface
+        interface = surface or interface
     if cloud.label is None:
         parts = without_ground(cloud.points_m, parts, interface, height)
         rock = parts.surfel_label == ROCK
@@ -427,8 +427,8 @@ def _classified(cloud: Cloud, parts: Segmentation, hint: InterfaceHint | None) -
         parts = without_ground(cloud.points_m, parts, interface, height)
     label, surfel_label = parts.label, parts.surfel_label
     rock, pedestal = surfel_label == ROCK, surfel_label == PEDESTAL
-    beside = surroundings_met(surfels, rock, pedestal, interface, height)
-    if interface.sheet is None and beside.any():
+    in_reach = surroundings_met(surfels, rock, pedestal, interface, height)
+    if interface.sheet is None and in_reach.any():
         interface = level_surface(surfels, rock, height, interface)
     if hint is not None:
         top = pedestal & (surfels.normals @ interface.normal > _UPWARD)
@@ -437,7 +437,7 @@ def _classified(cloud: Cloud, parts: Segmentation, hint: InterfaceHint | None) -
     standing, below = _near_interface(cloud.points_m, label, interface, height)
     low, lit = near_the_interface(interface.over(standing), interface.over(below), height)
     observed = ObservedRock(standing, below, standing[low], below[lit], surfels, rock, height, hint)
-    return _Seen(observed, label, pedestal, interface, beside)
+    return _Seen(observed, label, pedestal, interface, in_reach)
 
 
 def _near_interface(
@@ -463,11 +463,11 @@ def _surface_report(
             "given_by": given_by,
             "roughness_m": interface.roughness_m,
             **({} if interface.sheet is None else {"carried": interface.sheet.sentence}),
-            **({} if ground.beside is None else {"beside": ground.beside}),
+            **({} if ground.surroundings is None else {"beside": ground.surroundings}),
             "outline_m": ground.outline_m.tolist(),
             "edges_m": [edge.tolist() for edge in ground.edges_m],
         },
-        "surface": {each: getattr(closed, each) for each in SHARES},
+        "surface": {share: getattr(closed, share) for share in SHARES},
     }
 
 
@@ -478,7 +478,7 @@ def _contact_outlines(scene: Scene) -> dict[str, Any]:
     """
     interface = scene.report["interface"]
     rings = [(None, interface["outline_m"])]
-    rings += [(each["probability"], each["outline_m"]) for each in interface.get("outlines", [])]
+    rings += [(ring["probability"], ring["outline_m"]) for ring in interface.get("outlines", [])]
     return {
         "type": "FeatureCollection",
         "features": [
@@ -514,8 +514,8 @@ def save_survey(
     with (replaced_folder if replaces else new_folder)(target) as staging:
         np.savez_compressed(staging / LABELS, label=result.label)
         digest.seal_archive(staging / LABELS)
-        if result.worked_out is not None:
-            result.worked_out.write(staging / WORKED_OUT)
+        if result.cached is not None:
+            result.cached.write(staging / WORKED_OUT)
         if result.scene.unseen is not None:
             outlines = json.dumps(_contact_outlines(result.scene), indent=1)
             (staging / OUTLINES).write_text(outlines, encoding="utf-8")
@@ -552,7 +552,7 @@ class SeparatedMeshes:
 
         hinted: whether the user knows something of the base, which is not set aside.
         """
-        if _rises_beside(self.surface, self.body[0]) and self.scene is not None and self.scene.grounded.leans:
+        if _rises_around(self.surface, self.body[0]) and self.scene is not None and self.scene.grounded.leans:
             return _as_given(self.scene, _LEANS)
         try:
             return survey()
@@ -566,7 +566,7 @@ def _as_given(scene: Scene, note: str) -> Survey:
     return Survey(scene, np.zeros(0, np.int8), (note,))
 
 
-def _rises_beside(surface: Mesh, rock_m: Array) -> bool:
+def _rises_around(surface: Mesh, rock_m: Array) -> bool:
     """Whether a pedestal reaches above the foot of a rock's vertices (n, 3), within reach of them.
 
     To find the contacts of large meshes takes a minute: where nothing can hold the rock they are not looked for.

@@ -26,7 +26,7 @@ _AXES = {
     "y": ("y", "northing", "north", "n"),
     "z": ("z", "elevation", "elev", "height", "up", "altitude", "alt", "h"),
 }
-"""What headers call east, north and up, in lower case."""
+"""Names in headers for east, north and up, in lower case."""
 _AXIS_OF = {word: axis for axis, words in _AXES.items() for word in words}
 _KINDS = frozenset({"point", "coord", "coordinate", "local", "utm"})
 """Words beside an axis that tell one set of coordinates from another: POINT_X, X_local."""
@@ -39,7 +39,7 @@ _OTHER_COLUMNS = frozenset(
     {"id", "point", "station", "time", "intensity", "reflectance", "red", "green", "blue", "r", "g", "b"}
     | {"nx", "ny", "nz", "latitude", "longitude", "lat", "lon", "range", "azimuth", "zenith", "theta", "phi"}
 )
-"""What headers call columns that are no coordinates of a survey."""
+"""Names in headers of columns that are no coordinates of a survey."""
 
 Columns = tuple[int, int, int]
 """Numbers of the columns of x, y and z."""
@@ -87,15 +87,15 @@ class _Coordinate:
     def of(cls, name: str) -> _Coordinate | None:
         """Read a name such as x, POINT_X, x_ft or X [m]; None if it is no coordinate's."""
         bare, _, bracket = name.partition("(")
-        words, beside = set(re.findall(r"[^\s_-]+", bare)), set(re.findall(r"\w+", bracket))
+        words, inside = set(re.findall(r"[^\s_-]+", bare)), set(re.findall(r"\w+", bracket))
         axes = words & _AXIS_OF.keys()
-        if not axes or len({_AXIS_OF[word] for word in axes | (beside & _AXIS_OF.keys())}) > 1:
+        if not axes or len({_AXIS_OF[word] for word in axes | (inside & _AXIS_OF.keys())}) > 1:
             return None  # X (northing) contradicts itself
         units = words - axes - _KINDS - _METRES - ({"in"} if words & _METRES else set())  # x in m
         if not all(map(_OTHER_LENGTH.fullmatch, units)):
             return None
-        powers = not beside.isdisjoint({"10", "100", "1000"})  # 10^-3 m
-        other = bool(units) or powers or (not beside & _METRES and any(map(_OTHER_LENGTH.fullmatch, beside)))
+        powers = not inside.isdisjoint({"10", "100", "1000"})  # 10^-3 m
+        other = bool(units) or powers or (not inside & _METRES and any(map(_OTHER_LENGTH.fullmatch, inside)))
         return cls(min(axes), frozenset(words & _KINDS), not other)
 
 
@@ -105,8 +105,8 @@ def _axes(names: Sequence[str]) -> Columns | None:
     Where several sets of others are complete nobody can tell which one is meant, and none is taken.
     """
     every = [_Coordinate.of(name) for name in names]
-    for read in ([each if each is not None and each.metres else None for each in every], every):
-        kinds = {each.kind for each in read if each is not None}
+    for read in ([column if column is not None and column.metres else None for column in every], every):
+        kinds = {column.kind for column in read if column is not None}
         sets = {kind: found for kind in kinds if (found := _axes_of(kind, read)) is not None}
         if frozenset() in sets:
             return sets[frozenset()]
@@ -116,7 +116,7 @@ def _axes(names: Sequence[str]) -> Columns | None:
 
 
 def _axes_of(kind: frozenset[str], read: Sequence[_Coordinate | None]) -> Columns | None:
-    words = [each.word if each is not None and each.kind == kind else None for each in read]
+    words = [column.word if column is not None and column.kind == kind else None for column in read]
     x, y, z = (next((words.index(word) for word in _AXES[axis] if word in words), None) for axis in _AXES)
     return None if x is None or y is None or z is None else (x, y, z)
 
@@ -173,12 +173,12 @@ def _other_unit(stated: Sequence[str], where: str) -> InputError:
 
 
 def _not_understood(names: Sequence[str], columns: int, where: str) -> InputError:
-    told = f"the header names its columns {', '.join(names)}"
+    note = f"the header names its columns {', '.join(names)}"
     if {"lat", "lon"} <= {name[:3] for name in names}:
-        return in_degrees(told, where)
+        return in_degrees(note, where)
     return InputError(
         "cloud.columns_unknown",
-        told,
+        note,
         where=where,
         expected="; ".join(f"{axis}: {' or '.join(words)}" for axis, words in _AXES.items())
         + f"; and as many names as columns ({columns})",
@@ -188,11 +188,11 @@ def _not_understood(names: Sequence[str], columns: int, where: str) -> InputErro
 
 
 _EASTINGS_M = (1e5, 1e6)
-"""Within these lie all eastings of UTM; northings lie beyond nearly everywhere."""
+"""Range of all eastings of UTM; northings lie beyond it nearly everywhere."""
 _NORTHINGS_BELOW_M = 1e7
 _HEAD_LINES, _LOOKED_AT, _MOST_COLUMNS = 20, 2000, 24
 _NUMBERED = 100
-"""So many whole numbers that rise from point to point, or others by even steps, are no coordinates."""
+"""Number of evenly rising values from which on a column numbers the points and is no coordinate."""
 _EVEN = 1e-3
 _ENDS = "\x1a\0"
 """DOS' end-of-file character, and what a program leaves of a block that it did not fill."""
@@ -309,17 +309,17 @@ def _loaded_again(load: Callable[[Iterable[str]], NDArray], rows: Iterator[str],
 
     Raises InputError: at the first line that cannot be read.
     """
-    kept = [_FORTRAN.sub(r"\1E\2", line) for line in rows if line.strip(_BETWEEN_CELLS)]
+    numeric = [_FORTRAN.sub(r"\1E\2", line) for line in rows if line.strip(_BETWEEN_CELLS)]
     try:
-        return load(kept)
+        return load(numeric)
     except ValueError as error:
-        width = max(len(re.split(r"[\s;,]+", line.strip())) for line in kept[:_HEAD_LINES])
-        for number, line in enumerate(kept, 1):
+        width = max(len(re.split(r"[\s;,]+", line.strip())) for line in numeric[:_HEAD_LINES])
+        for number, line in enumerate(numeric, 1):
             words = re.split(r"[\s;,]+", line.split("#")[0].split("//")[0].strip())
             if words != [""] and (len(words) < min(width, 3) or not all(map(_is_number, words[:3]))):
                 what = f"its {number}th line of points is {line.strip()[:60]!r}"
                 raise _not_whole(
-                    "cloud.row_unreadable", what + (": truncated" if number == len(kept) else ""), path
+                    "cloud.row_unreadable", what + (": truncated" if number == len(numeric) else ""), path
                 ) from None
         raise _not_whole("cloud.row_unreadable", str(error)[:200], path) from None
 
@@ -376,8 +376,8 @@ def _without_ends(lines: Iterator[str], path: Path) -> Iterator[str]:
     """
     ended = 0
     for number, line in enumerate(lines, 1):
-        kept = line.rstrip().rstrip(_ENDS + "\r\n ")
-        if kept and (ended or any(sign in kept for sign in _ENDS)):
+        stripped = line.rstrip().rstrip(_ENDS + "\r\n ")
+        if stripped and (ended or any(sign in stripped for sign in _ENDS)):
             raise InputError(
                 "file.holds_zeros",
                 f"zeros or an end-of-file character stand before line {number} of the points",
@@ -385,8 +385,8 @@ def _without_ends(lines: Iterator[str], path: Path) -> Iterator[str]:
                 expected="text to the end",
                 remedy="copy or export the file again: a part of it was not written",
             )
-        ended = ended or (number if len(kept) < len(line.rstrip()) else 0)
-        yield kept
+        ended = ended or (number if len(stripped) < len(line.rstrip()) else 0)
+        yield stripped
 
 
 def _no_count(line: str) -> bool:
@@ -412,7 +412,7 @@ def _check_not_numbered(points: Array, path: Path) -> None:
         return
     raise _out_of_order(
         "cloud.points_numbered",
-        f"the first column, {', '.join(f'{each:g}' for each in number[:3])} ..., numbers or times the points",
+        f"the first column, {', '.join(f'{value:g}' for value in number[:3])} ..., numbers or times the points",
         path,
     )
 
@@ -435,10 +435,10 @@ def _check_easting_first(points: Array, path: Path, unit_given: bool) -> None:
 
 
 NOWHERE = "lie at 0, 0, 0 of their scanner, where no beam came back,"
-"""What points that are left out are."""
+"""Reason for which points are left out, as notes state it."""
 
 Pose = tuple[Array | None, Array | None]
-"""What turns (3, 3) and shifts (3,) points, as rows, from the scanner's frame; None where nothing does."""
+"""Rotation (3, 3) and shift (3,) of points, as rows, from the scanner's frame; None where there is none."""
 
 
 def in_survey(scans: Iterable[tuple[Array, Pose]]) -> tuple[Array, NDArray[np.int32], Array, int]:
@@ -458,7 +458,7 @@ def in_survey(scans: Iterable[tuple[Array, Pose]]) -> tuple[Array, NDArray[np.in
         with np.errstate(invalid="ignore", over="ignore"):
             points = points if turn is None else points @ turn
             placed.append(points if shift is None else points + shift)
-    number = np.repeat(np.arange(len(steps) - 1, dtype=np.int32), [len(each) for each in placed[1:]])
+    number = np.repeat(np.arange(len(steps) - 1, dtype=np.int32), [len(points) for points in placed[1:]])
     return np.concatenate(placed), number, np.max(steps, axis=0), nowhere
 
 

@@ -32,7 +32,7 @@ half samples of the points spread by, joined with these, made them 1 to 13 % lar
 _INVENTED_COM_PER_HEIGHT = 0.2
 """Shift of the centre of mass in each coordinate over height and such a cap's share."""
 _MUCH_INVENTED = 0.15
-"""From this share of the surface on, volume and centre of mass are guesses; of the crown, its height."""
+"""Share of the surface from which on volume and centre of mass are guesses; of the crown, the height."""
 
 
 def cap_share(surface_share: float) -> float:
@@ -72,25 +72,25 @@ def invention_warning(scene: Scene) -> str | None:
     """Say that much of the rock was not seen, if so, and what follows; nothing for a rock that was seen."""
     surface = scene.report.get("surface", {})
     share, crown = surface.get("invented_share", 0.0), surface.get("crown_unseen_share", 0.0)
-    told = []
+    sentences = []
     if share > _MUCH_INVENTED:
-        told.append(
+        sentences.append(
             f"{share:.0%} of the rock's surface was not seen and is invented; its volume, centre of mass and inertia "
             f"are guesses, the volume by about ±{cap_share(share):.0%}: scan the rock from the other sides"
         )
     if crown > _MUCH_INVENTED:
-        told.append(
+        sentences.append(
             f"{crown:.0%} of the rock's crown was not seen and is closed at the convex hull of what was: whether it "
             "bulges above that or is dented the scan does not tell; scan it from above"
         )
-    return f"warning: {'; '.join(told)}" if told else None
+    return f"warning: {'; '.join(sentences)}" if sentences else None
 
 
 AZIMUTHS_DEG = np.arange(0.0, 360.0, 10.0)
 _SUPPORT_PER_HEIGHT = 0.02
-"""What lies so near to the interface could touch it."""
+"""Distance from the interface within which the rock could touch it."""
 _BELOW_PER_HEIGHT, _BELOW_SHARE = 0.03, 0.002
-"""More than this share of the rock's patches so far below the interface are a part of it, not strays."""
+"""Depth below the interface, and the share of the rock's patches there, beyond which these are no strays."""
 
 
 @dataclass(frozen=True, eq=False)

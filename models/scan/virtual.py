@@ -232,8 +232,8 @@ def _cast(bodies: Sequence[Body], position_m: Array, rays: Array) -> tuple[Array
             o3d.core.Tensor.from_numpy(body.faces.astype(np.uint32)),
         )
         label_of[number] = body.label
-    start_and_way = np.concatenate([np.zeros_like(rays), rays], axis=-1).astype(np.float32)
-    hit = scene.cast_rays(o3d.core.Tensor.from_numpy(start_and_way), nthreads=1)
+    starts_and_rays = np.concatenate([np.zeros_like(rays), rays], axis=-1).astype(np.float32)
+    hit = scene.cast_rays(o3d.core.Tensor.from_numpy(starts_and_rays), nthreads=1)
     ranges = hit["t_hit"].numpy().astype(float)
     numbers = hit["geometry_ids"].numpy()
     label = np.full(ranges.shape, NEITHER, np.int8)
@@ -266,9 +266,9 @@ def scan_around(
     target = truth.rock.com_m - [0, 0, 0.25 * height]
     seen = []
     for k in range(stations):
-        way = horizontal_unit_vector(360.0 * (k + 0.6 * rng.random()) / stations)
+        direction = horizontal_unit_vector(360.0 * (k + 0.6 * rng.random()) / stations)
         raised = [0, 0, (0.15 + 0.7 * (k % 3) + 0.2 * rng.random()) * size]
-        position = target + (2.6 + 0.8 * rng.random()) * size * way + raised
+        position = target + (2.6 + 0.8 * rng.random()) * size * direction + raised
         distance = float(np.linalg.norm(target - position))
         step = np.rad2deg(resolution_per_height * height / distance)
         station = scan_from(truth.bodies, position, target, 1.5 * size, step, noise_per_height * height, rng)
@@ -283,9 +283,9 @@ def scan_around(
 
 def _bush(truth: Truth, rng: np.random.Generator, count: int) -> Array:
     height = truth.rock.height_m
-    foot = truth.rock.com_m + 1.1 * height * horizontal_unit_vector(200.0)
-    foot[2] = truth.pedestal.point_m[2] + 0.12 * height
-    return foot + rng.normal(0.0, 1.0, (count, 3)) * [0.1 * height, 0.1 * height, 0.06 * height]
+    bottom_m = truth.rock.com_m + 1.1 * height * horizontal_unit_vector(200.0)
+    bottom_m[2] = truth.pedestal.point_m[2] + 0.12 * height
+    return bottom_m + rng.normal(0.0, 1.0, (count, 3)) * [0.1 * height, 0.1 * height, 0.06 * height]
 
 
 def cloud_of(stations: Sequence[Station], origin_m: Array) -> tuple[Cloud, NDArray[np.int8]]:

@@ -20,10 +20,10 @@ from toppling.models.scan.candidates import find_candidates, surfels_of
 from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.register import Registered, registered
-from toppling.models.scan.survey import WorkedOut, work_out
+from toppling.models.scan.survey import CachedScan, work_out
 from toppling.models.scene import Scene
 from toppling.orchestrator.interrupt import signals_blocked
-from toppling.orchestrator.pick.page import View, view_of
+from toppling.orchestrator.pick.user_hints import View, view_of
 from toppling.orchestrator.processes import without_working_folder
 
 
@@ -166,14 +166,14 @@ def split(
     inspection: Inspection,
     number: int,
     note: _Note,
-) -> tuple[Stored, WorkedOut, NDArray[np.int8], tuple[str, ...], View]:
+) -> tuple[Stored, CachedScan, NDArray[np.int8], tuple[str, ...], View]:
     """Register (once) and split a cloud; returns the registered cloud, results, labels, notes, and numbered view."""
     cloud = _cloud(stored, note)
-    worked, label, notes = work_out(cloud, note, near_m, hint, inspection)
+    result, label, notes = work_out(cloud, note, near_m, hint, inspection)
     note("showing the rock")
     moved = Stored(stored.folder / "registered", stored.rest)
     fitted = moved if moved.folder.exists() else stored
-    return fitted, worked, label, notes, view_of(cloud.cloud.points_m, label, number)
+    return fitted, result, label, notes, view_of(cloud.cloud.points_m, label, number)
 
 
 def _cloud(stored: Stored, note: _Note) -> Registered:
@@ -189,10 +189,10 @@ def _cloud(stored: Stored, note: _Note) -> Registered:
     return _KNOWN[stored.folder]
 
 
-def draw(worked: WorkedOut, note: _Note) -> tuple[Scene, WorkedOut]:
+def draw(result: CachedScan, note: _Note) -> tuple[Scene, CachedScan]:
     """Draw the hidden base."""
     note("drawing the hidden base")
-    return worked.scene()
+    return result.scene()
 
 
 def look_around(stored: Stored, _: _Note) -> list[dict[str, Any]]:

@@ -20,10 +20,10 @@ from toppling.models.scan.hints_file import KINDS
 from toppling.models.scan.placement import Placement
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.surfels import picked
-from toppling.models.scan.survey import Survey, WorkedOut
+from toppling.models.scan.survey import CachedScan, Survey
 from toppling.orchestrator.pick import apart
 from toppling.orchestrator.pick.apart import Apart, EndedError
-from toppling.orchestrator.pick.page import UserHints, answer_shown, detail, tops, view_of
+from toppling.orchestrator.pick.user_hints import UserHints, answer_shown, detail, tops, view_of
 
 _Read = Callable[[UserHints], "Placed"]
 _Write = Callable[[Survey, UserHints], None]
@@ -38,7 +38,7 @@ class Answer:
     """Results of hints."""
 
     user_hints: UserHints
-    worked: WorkedOut
+    cached: CachedScan
     label: NDArray[np.int8]  # (n,): 0 rock, 1 pedestal, 2 neither
     notes: tuple[str, ...]
     survey: Survey | None = None  # None until the hidden base is drawn
@@ -74,7 +74,7 @@ class Picking:
     write: writes a survey with its hints.
     target: output folder, for display.
     user_hints: initial hints.
-    kept: stored results of the initial hints, whose reduced cloud is not split again.
+    answer: stored results of the initial hints, whose reduced cloud is not split again.
     """
 
     def __init__(
@@ -84,7 +84,7 @@ class Picking:
         write: _Write,
         target: str,
         user_hints: UserHints,
-        kept: Answer | None = None,
+        answer: Answer | None = None,
     ) -> None:
         self._read, self._write, self._target = read, write, target
         self._placed = placed
@@ -99,12 +99,12 @@ class Picking:
         self._user_hints = user_hints
         self._wanted, self._working, self._done = 1, 0, 0
         self._saving, self._saved, self._ended = False, 0, False
-        self._kept, self._answer = kept, kept
+        self._kept, self._answer = answer, answer
         self._drawn: dict[UserHints, Answer] = {}  # results of the current split, for undoing hints
-        if kept is not None and kept.survey is not None:
-            self._drawn[user_hints] = kept
-        self._candidates: list[dict[str, Any]] | None = None if kept is None else tops(kept.worked)
-        self.view = view_of(placed.cloud.points_m, None if kept is None else kept.label, 0)
+        if answer is not None and answer.survey is not None:
+            self._drawn[user_hints] = answer
+        self._candidates: list[dict[str, Any]] | None = None if answer is None else tops(answer.cached)
+        self.view = view_of(placed.cloud.points_m, None if answer is None else answer.label, 0)
 
     # Requests of a page, from any thread.
 
@@ -159,7 +159,7 @@ class Picking:
                 "answer": None,
             }
         if answer is not None:
-            state["answer"] = answer_shown(answer.survey, answer.worked) | {"notes": answer.notes}
+            state["answer"] = answer_shown(answer.survey, answer.cached) | {"notes": answer.notes}
         return state
 
     def wait(self, number: int, seconds: float) -> None:
@@ -203,10 +203,10 @@ class Picking:
         if answer is None or answer.user_hints.of_the_split != user_hints.of_the_split:
             answer = self._split(user_hints)
         if user_hints not in self._drawn:
-            worked = dataclasses.replace(answer.worked, inspection=inspection)
-            scene, kept = self._apart.do(self._note, apart.draw, worked)
-            survey = Survey(scene, answer.label, answer.notes, kept)
-            self._drawn[user_hints] = Answer(user_hints, kept, answer.label, answer.notes, survey)
+            result = dataclasses.replace(answer.cached, inspection=inspection)
+            scene, cached = self._apart.do(self._note, apart.draw, result)
+            survey = Survey(scene, answer.label, answer.notes, cached)
+            self._drawn[user_hints] = Answer(user_hints, cached, answer.label, answer.notes, survey)
         self._set(_answer=self._drawn[user_hints])
 
     def _split(self, user_hints: UserHints) -> Answer:
@@ -221,13 +221,13 @@ class Picking:
             )
         near = None if user_hints.near is None else (user_hints.near[0], user_hints.near[1])
         hints = near, user_hints.hint(), user_hints.inspection()
-        registered, worked, label, notes, view = self._apart.do(
+        registered, result, label, notes, view = self._apart.do(
             self._note, apart.split, self._cloud_apart(), *hints, self.view.number + 1
         )
         self._placed = dataclasses.replace(self._placed, cloud=registered.cloud())
-        answer = Answer(user_hints, worked, label, notes)
+        answer = Answer(user_hints, result, label, notes)
         self._drawn.clear()
-        self._set(_answer=answer, view=view, _candidates=self._candidates or tops(worked))
+        self._set(_answer=answer, view=view, _candidates=self._candidates or tops(result))
         return answer
 
     def _cloud_apart(self) -> apart.Stored:

@@ -19,11 +19,11 @@ from toppling.models.scan.hints_file import OF_READING, CloudHints
 from toppling.models.scan.interface_hint import hint_of
 from toppling.models.scan.placement import Placement
 from toppling.models.scan.read import read_clouds
-from toppling.models.scan.survey import Survey, WorkedOut
+from toppling.models.scan.survey import CachedScan, Survey
 from toppling.models.scene import Scene
 from toppling.orchestrator.loopback import HTML, TEXT, Answers, Loopback
-from toppling.orchestrator.pick.page import UserHints, numbers
 from toppling.orchestrator.pick.picking import Answer, Picking, Placed
+from toppling.orchestrator.pick.user_hints import UserHints, numbers
 from toppling.orchestrator.public import making
 
 LARGEST_BODY = 1 << 18
@@ -229,7 +229,7 @@ def again_server(
     """
     if out is not None:
         refuse_existing(out)
-    before = WorkedOut.read(scene)
+    before = CachedScan.read(scene)
     looked = inspection_of(given["contact"], **making.of_base(given))
     stored = before.with_hints(looked)
     user_hints = UserHints.of(making.hints_on_base(stored.inspection))
@@ -241,8 +241,8 @@ def again_server(
 
     def write(survey: Survey, _: UserHints) -> None:
         nonlocal mine
-        assert survey.worked_out is not None
-        made = making.written_again(scene, out, survey.scene, survey.worked_out, replaces=mine)
+        assert survey.cached is not None
+        made = making.written_again(scene, out, survey.scene, survey.cached, replaces=mine)
         mine = True
         saved(made)
 

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pandas as pd
 
+from toppling.models.caching import Described
 from toppling.models.errors import InputError
 from toppling.models.frames import azimuth_of
-from toppling.models.kept import Described
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.pedestal import ContactProperties
 from toppling.models.scene import Scene

@@ -17,7 +17,7 @@ from toppling.models.scan.interface_hint import InterfaceHint, hint_of
 from toppling.models.scan.parts import files_with, labelled, parts_of
 from toppling.models.scan.placement import Placement, Reference, control_point_lines, of_user, placement_of
 from toppling.models.scan.read import Cloud, read_clouds
-from toppling.models.scan.survey import SeparatedMeshes, Survey, WorkedOut, save_survey, survey
+from toppling.models.scan.survey import CachedScan, SeparatedMeshes, Survey, save_survey, survey
 from toppling.models.scan.uncertainty import invention_warning
 from toppling.models.scene import Scene
 from toppling.orchestrator.public import unseen
@@ -96,7 +96,7 @@ def scan(
 def written(
     result: Survey,
     folder: Path,
-    said: dict[str, Any],
+    stated: dict[str, Any],
     advance: Callable[..., None] = unseen,
     replaces: bool = False,
 ) -> list[str]:
@@ -105,11 +105,11 @@ def written(
     advance(1, "writing")
 
     def also(folder: Path) -> None:
-        write_hints(folder / HINTS, said)
+        write_hints(folder / HINTS, stated)
         draw(folder)
 
-    if result.worked_out is not None:
-        result = replace(result, worked_out=replace(result.worked_out, said=said))
+    if result.cached is not None:
+        result = replace(result, cached=replace(result.cached, stated=stated))
     save_survey(result, folder, also, replaces)
     warning = invention_warning(result.scene)
     return [*notes, *result.notes, *([warning] if warning else [])]
@@ -159,7 +159,7 @@ def scan_again(
     """
     folder = Path(scene)
     advance(0, "reading")
-    stored = WorkedOut.read(folder).with_hints(
+    stored = CachedScan.read(folder).with_hints(
         inspection_of(contact, pull, touch, daylight, base, touch_only)
     )
     advance(1, "drawing the hidden base")
@@ -169,7 +169,7 @@ def scan_again(
 
 
 def written_again(
-    scene: Path, out: Path | None, drawn: Scene, stored: WorkedOut, replaces: bool = False
+    scene: Path, out: Path | None, drawn: Scene, stored: CachedScan, replaces: bool = False
 ) -> Scanned:
     """Write a scene with a newly drawn base in place of the former scene, or to another folder.
 
@@ -183,7 +183,7 @@ def written_again(
         if (scene / LABELS).exists():
             shutil.copy2(scene / LABELS, staging)
         drawn.write_into(staging)
-        write_hints(staging / HINTS, stated_hints(stored.said, stored.inspection))
+        write_hints(staging / HINTS, stated_hints(stored.stated, stored.inspection))
         draw(staging)
     return Scanned(drawn, target, notes)
 
@@ -252,10 +252,10 @@ def hints_on_base(known: Inspection) -> dict[str, Any]:
 def stated_hints(given: Mapping[str, Any], inspection: Inspection) -> dict[str, Any]:
     """Hints of a scan for `hints.toml`, with the content of files instead of their paths."""
     gcp, outline = given.get("gcp"), given.get("outline")
-    said = {**given, **hints_on_base(inspection), "gcp": control_point_lines(gcp) if gcp else None}
+    stated = {**given, **hints_on_base(inspection), "gcp": control_point_lines(gcp) if gcp else None}
     if isinstance(outline, str | Path):
-        said["outline"] = InterfaceHint.outline(outline).anchors_m
-    return {key: plain(key, said.get(key)) for key in KEYS}
+        stated["outline"] = InterfaceHint.outline(outline).anchors_m
+    return {key: plain(key, stated.get(key)) for key in KEYS}
 
 
 def _pictured(scene: Scene) -> tuple[Callable[[Path], None], list[str]]:

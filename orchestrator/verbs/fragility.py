@@ -57,7 +57,7 @@ def fragility(run: Path, out: Path | None, unweighted: bool, **asked: Any) -> No
 
     opened = open_run(run)
     if opened.rocks:
-        _for_each_rock(opened, out)
+        _for_all_rocks(opened, out)
         return
     source = click.get_current_context().get_parameter_source
     if not asked["fit"] and source("samples") != ParameterSource.DEFAULT:
@@ -98,7 +98,7 @@ def _print_result(drawn: "Fragility", *, weighted: bool) -> None:
             click.echo(sentence)
 
 
-def _for_each_rock(atlas: Run, out: Path | None) -> None:
+def _for_all_rocks(atlas: Run, out: Path | None) -> None:
     """Run the command for every rock of an atlas; rocks without an answer are reported."""
     context = click.get_current_context()
     for rock in atlas.rocks:

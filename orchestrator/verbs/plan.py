@@ -48,7 +48,7 @@ def plan(campaign: Path, table: Path | None, workers: int | None, no_estimate: b
         "jobs": len(planned), "plan_id": planned.id, "preset": chosen.preset, "engine": chosen.engine,
         "expected_work_s": expected and round(expected.work_s, 1),
     }  # fmt: skip
-    head, notes = _of_many(found, counts) if chosen.sites else _of_one(found, counts)
+    head, notes = _of_many(found, counts) if chosen.sites else _of_rock(found, counts)
     counts["timed_jobs"] = expected.timed if expected else 0
     if table is not None:
         import pyarrow.parquet as pq
@@ -64,7 +64,7 @@ def plan(campaign: Path, table: Path | None, workers: int | None, no_estimate: b
         click.echo(f"warning: {sentence}", err=True)
 
 
-def _of_one(found: "Planned", counts: dict[str, Any]) -> tuple[list[str], list[str]]:
+def _of_rock(found: "Planned", counts: dict[str, Any]) -> tuple[list[str], list[str]]:
     """Printed lines for one rock, before and after the time estimate; adds to `counts`."""
     from toppling.models.pedestal import ContactProperties
     from toppling.orchestrator.rocks_of_run import settling_notes

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.special import log_ndtr, logsumexp, ndtri, stdtrit
 
 from toppling.models.arrays import Array, Flags, Indices
-from toppling.models.hidden_base.intervals import inspection_told
+from toppling.models.hidden_base.intervals import inspection_sentence
 from toppling.models.proportions import effective_number
 from toppling.results.analysis import SAMPLES
 from toppling.results.analysis.lognormal import (
@@ -130,7 +130,7 @@ def narrowed_by(parts: Mapping[str, float], scan: Mapping[str, Any]) -> str:
     kind = f", or whether the base is {' or '.join(kinds)}" if len(kinds) > 1 else ""
     means = f"a pull test, places that touch or let daylight through{kind} (toppling scan --again)"
     known = (
-        [inspection_told(found["toppling"], found["without_inspection"])]
+        [inspection_sentence(found["toppling"], found["without_inspection"])]
         if "without_inspection" in found
         else []
     )

@@ -12,7 +12,7 @@ from refusals import flip, refused
 
 from toppling import run
 from toppling.models.errors import InputError
-from toppling.models.hidden_base.draws import BaseDraw, UnseenBase
+from toppling.models.hidden_base.unseen_base import BaseDraw, UnseenBase
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene

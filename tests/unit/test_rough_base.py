@@ -11,8 +11,8 @@ from scipy.spatial import ConvexHull
 from toppling.models.files.digest import seal
 from toppling.models.files.schemas import BASES as FILE
 from toppling.models.frames import rotation_between
-from toppling.models.hidden_base.draws import BaseDraw, UnseenBase, least_feet
 from toppling.models.hidden_base.rough_base import Standing, with_rough_base
+from toppling.models.hidden_base.unseen_base import BaseDraw, UnseenBase, least_feet
 from toppling.models.pedestal import Pedestal
 from toppling.models.scene import Scene
 from toppling.models.shapes import box

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from toppling.models.ground.body import GroundedBody
 from toppling.models.ground.equilibrium import farthest_load
 from toppling.models.ground.plane import GroundKind
-from toppling.models.hidden_base.from_scan import ContradictionError
+from toppling.models.hidden_base.draw_bases import ContradictionError
 from toppling.models.motions.motion import Motion
 from toppling.models.pedestal import ContactProperties
 from toppling.models.scan.survey import SeparatedMeshes

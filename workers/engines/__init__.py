@@ -14,8 +14,8 @@ from toppling.workers.options import PRESETS, NumericalOptions
 __all__ = ["DEFAULT", "ENGINES", "engine_named", "options_of", "protocol"]
 
 
-ENGINES: dict[str, Engine] = {one.name: one for one in (BULLET, MUJOCO)}
-"""By name; the first is the judge, the others are extras."""
+ENGINES: dict[str, Engine] = {engine.name: engine for engine in (BULLET, MUJOCO)}
+"""Engines by name; the first is the judge, the others are extras."""
 
 DEFAULT = next(iter(ENGINES))
 """Name of the engine that shakes unless another is asked for."""

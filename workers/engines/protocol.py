@@ -103,7 +103,7 @@ class Engine:
 
     @property
     def version(self) -> str | None:
-        """Of the installed distribution; None where there is none."""
+        """Version of the installed distribution; None where it is not installed."""
         try:
             return version(self.name)
         except PackageNotFoundError:

@@ -11,7 +11,7 @@ NAME = "GeoNet V1A/V2A"
 _TEXT_LINES, _NUMBER_LINES = 16, 10
 _ACROSS, _WIDTH = 10, 8
 _COUNTS_AT = 33
-"""Where, from 0, the integers count the samples of acceleration, velocity and displacement."""
+"""Positions, from 0, of the integers that count the samples of acceleration, velocity and displacement."""
 _FIRST = re.compile(r"^\s*(Uncorrected|Corrected) accelerogram \d{8}_\d{6}", re.IGNORECASE)
 
 

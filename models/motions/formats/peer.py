@@ -17,7 +17,7 @@ _STEP = re.compile(
 _BARE = re.compile(r"^\s*(\d+)(?:\s*,\s*|\s+)(\d*\.\d+(?:[EeDd][-+]?\d+)?)\s*$")
 _SERIES = re.compile(r"\b(?:ACCELERATION|VELOCITY|DISPLACEMENT)\b.*\bUNITS?\b", re.IGNORECASE)
 _HEADER_LINES = 8
-"""Among which the title of the series is looked for; four are usual."""
+"""Number of lines that are searched for the title of the series; four are usual."""
 _UNIT = re.compile(r"\bUNITS?(?:\s+OF\b|\s*[:=])\s*(\S+)", re.IGNORECASE)
 _SEED = re.compile(r"[A-Z][GHLN]([ENZ123])(?:[._ ]?(?:\d\w|--))?")
 """NGA-East's labels: a channel's code, and its location behind it."""

@@ -35,7 +35,7 @@ _COMMA_NUMBER = re.compile(r"\s*[-+]?(?:\d+,\d*|,\d+|\d+)(?:[EeDd][-+]?\d+)?\s*$
 
 _NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
 _BETWEEN = r"(?:\D|(?<=[A-Za-z])\d{1,3}(?!\d)){0,20}"
-"""What parts a value from its name: digits too, of the name of a channel or converter, as C1 or ADC16."""
+"""Separators of a name and its value: digits too, of the name of a channel or converter, as C1 or ADC16."""
 _UNIT = re.compile(
     r"\b(?:\w+_)?(?:units?|unidad(?:es)?|einheit(?:en)?)\b[^:=]{0,40}[:=]\s*(.{1,60})"
     r"|\bacc?el\w*[^(\[:=]{0,60}[(\[]([^)\]]{1,30})[)\]]"

@@ -15,7 +15,7 @@ _REALS_AT = _TEXT_LINES + _INTEGER_LINES
 _INTEGER_WIDTH, _REAL_WIDTH, _SAMPLE_WIDTH = 10, 15, 10
 _NO_INTEGER, _NO_REAL = -32768, 1.6e38
 _EXTREMES = (29, 31)
-"""Where, from 0, the reals state the largest and the least sample."""
+"""Positions, from 0, of the reals that state the largest and the least sample."""
 _BUILDING = 1
 _OTHER_STRUCTURES = {2: ("bridge", 26), 3: ("dam", 27)}
 """Types of structures, and where, from 0, the integers state the sensor's location, 0 in the free field."""

@@ -34,7 +34,7 @@ _SPACED = re.compile(r"spaced\s+at\s*([\d.]+)\s*sec", re.IGNORECASE)
 _RATE = re.compile(r"\bat\s+([\d.]+)\s*(?:pts|samples)/sec", re.IGNORECASE)
 _UNIT = re.compile(r"\b(?:in units of|in|units\s*[:=])\s*([^\s.,()]+(?:\s?\*\*\s?2)?)", re.IGNORECASE)
 _HEADING = re.compile(r"[A-Za-z]{4}|/&")
-"""What no line of numbers holds: a word longer than NaN."""
+"""A word longer than NaN, which no line of numbers holds."""
 _FORTRAN = re.compile(r"\((\d+)[fFeE](\d+)\.")
 _COUNT = re.compile(r"NO\.?\s+OF\s+POINTS\s*=\s*(\d+)", re.IGNORECASE)
 _LENGTH = re.compile(r"(?:DURATION|RECORD LENGTH)\s*=\s*([\d.]+)", re.IGNORECASE)
@@ -46,11 +46,11 @@ _FIRST = re.compile(
     re.IGNORECASE,
 )
 _PRINTED_BESIDE = re.compile(r"\s{3,}.*$")
-"""What programs print at the end of a line of the title: their version, the number of characters."""
+"""Additions of programs to the end of a title line: their version, the number of characters."""
 _WHEN = re.compile(r"^(.*?)(?<!\s)\s*(?:\(ORIGIN(?:\([^)]*\))?\s*:\s*(.*?)\)?\s*)?$", re.IGNORECASE)
 _DATED = re.compile(r"\b(?:19|20)\d\d\b|\d/\d+/\d")
 _NO_DATE = re.compile(r"^0?1/0?1/1980\s+0?0:00")
-"""What RENADIC's files have where nobody told the program the date."""
+"""Date in RENADIC's files that was not given to the program."""
 _AZIMUTHS = re.compile(r"Azimuth\s+L\s*(\d+)\s+T\s*(\d+)")
 _MAGNITUDE = re.compile(r"\bMW\s*=?\s*(\d\.\d+)", re.IGNORECASE)
 

@@ -415,7 +415,7 @@ SECTIONS: dict[str, Callable[[Content, Document], list[Block]]] = {
     "Jobs": _jobs_section,
     "Methods": methods_section,
 }
-"""By title, in the page's order: blocks of a part of the report; empty omits it."""
+"""Sections of the report by title, in the page's order; one without blocks is left out."""
 
 
 def _unit(unit: str) -> str:

@@ -15,7 +15,7 @@ from toppling.results.hazard.readers.assembly import HazardFile, Realisations, S
 _NAMED = re.compile(
     r"(rlz-\d+|quantile(?:_curve)?-\d*\.?\d+|mean|max|std)(?:-(?P<imt>[A-Z]+(?:\([\d.]+\))?))?"
 )
-"""In a file's name, which says what its first line did where that was lost."""
+"""Kind in a file's name, which repeats its first line where that was lost."""
 
 
 def _names(file: HazardFile) -> list[str]:

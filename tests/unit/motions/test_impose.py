@@ -5,10 +5,11 @@ import pytest
 from refusals import refused
 from scipy.signal import butter, sosfiltfilt
 
+from toppling.models.motions.imposing import impose, with_motion_above
 from toppling.models.motions.intensity import displacement_m, measure, velocity_m_s
 from toppling.models.motions.measures import SCALING_POWER
 from toppling.models.motions.motion import Motion
-from toppling.models.motions.record import Record, impose, with_motion_above
+from toppling.models.motions.record import Record
 from toppling.models.motions.synthetic import synthetic_ensemble
 
 

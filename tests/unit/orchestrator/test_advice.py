@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from reference.idealised import ricker
 
-from toppling.models.hidden_base.draws import BaseDraw, UnseenBase
+from toppling.models.hidden_base.unseen_base import BaseDraw, UnseenBase
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene

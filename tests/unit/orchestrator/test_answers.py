@@ -9,7 +9,7 @@ import pyarrow as pa
 import pytest
 from reference.idealised import ricker
 
-from toppling.models.hidden_base.draws import BaseDraw, UnseenBase
+from toppling.models.hidden_base.unseen_base import BaseDraw, UnseenBase
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene

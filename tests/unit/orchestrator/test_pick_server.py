@@ -7,8 +7,8 @@ import threading
 
 import pytest
 
-from toppling.orchestrator.pick.page import View
 from toppling.orchestrator.pick.server import FILES, LARGEST_BODY, PickServer
+from toppling.orchestrator.pick.user_hints import View
 
 POLL_S = 0.01
 """How soon the server sees that it is to end."""

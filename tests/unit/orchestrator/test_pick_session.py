@@ -14,8 +14,8 @@ from toppling.models.scan.read import Cloud
 from toppling.models.scan.register import Registered
 from toppling.orchestrator.pick import apart
 from toppling.orchestrator.pick import picking as picking_module
-from toppling.orchestrator.pick.page import UserHints, View
 from toppling.orchestrator.pick.picking import Picking, Placed
+from toppling.orchestrator.pick.user_hints import UserHints, View
 
 NEAR = [UserHints(near=(float(n), 0.0)) for n in range(6)]
 

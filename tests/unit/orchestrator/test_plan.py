@@ -15,7 +15,7 @@ from small_campaigns import campaign_in
 
 import toppling.models
 from toppling.models.motions.ensemble import Ensemble
-from toppling.models.motions.record import impose
+from toppling.models.motions.imposing import impose
 from toppling.models.scene import Scene
 from toppling.orchestrator import code_identity
 from toppling.orchestrator.campaign import Campaign

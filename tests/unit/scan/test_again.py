@@ -13,7 +13,7 @@ from toppling.models.files.digest import seal_archive
 from toppling.models.files.schemas import GEOMETRY, LABELS, WORKED_OUT
 from toppling.models.hidden_base.inspection import Inspection, inspection_of
 from toppling.models.scan.hints_file import HINTS, KEYS, hints_text, read_hints, write_hints
-from toppling.models.scan.survey import WorkedOut, save_survey, survey
+from toppling.models.scan.survey import CachedScan, save_survey, survey
 from toppling.models.scene import Scene
 from toppling.orchestrator.cli import cli as main
 from toppling.orchestrator.public.making import of_base, stated_hints
@@ -76,11 +76,11 @@ def test_what_was_kept_is_read_only_whole(rock, tmp_path):
         damaged[place] ^= 0xFF
         (tmp_path / WORKED_OUT).write_bytes(bytes(damaged))
         with pytest.raises(InputError) as error:
-            WorkedOut.read(tmp_path)
+            CachedScan.read(tmp_path)
         assert WORKED_OUT in str(error.value)
     (tmp_path / WORKED_OUT).unlink()
     with refused("scan.not_kept", WORKED_OUT):
-        WorkedOut.read(tmp_path)
+        CachedScan.read(tmp_path)
 
 
 @pytest.fixture(scope="module")

@@ -9,8 +9,8 @@ from toppling.models.hidden_base.evidence import (
     BEFORE,
     EFFECTIVE_SHARE,
     bowls,
+    fractions_by_evidence,
     mixed_weights,
-    shares_by_evidence,
 )
 from toppling.models.hidden_base.gap import Base, GapDraw, Underside, hidden_base
 from toppling.models.hidden_base.near_interface import NearInterface
@@ -134,7 +134,7 @@ def test_no_rim_rules_a_rough_base_or_a_rounded_one_out(rough, rounded):
     """Their priors miss some bases: one is 1e4 units of likelihood away, and keeps a fifth of the weight."""
     likelihood = {"flat": FAR, "rough": rough, "rounded": rounded}
     gaps = [GapDraw(np.zeros(3), each, 0, kind, each) for kind, each in likelihood.items()]
-    shares = shares_by_evidence(gaps)
+    shares = fractions_by_evidence(gaps)
     assert sum(shares.values()) == pytest.approx(1.0)
     assert shares["flat"] == 0.0
     assert 0.2 < min(shares["rough"], shares["rounded"]) < 0.3
@@ -142,7 +142,7 @@ def test_no_rim_rules_a_rough_base_or_a_rounded_one_out(rough, rounded):
 
 def test_a_rim_that_tells_nothing_leaves_kinds_as_likely_as_before():
     gaps = [GapDraw(np.zeros(3), -7.0, 0, kind, -7.0) for kind in BEFORE]
-    assert shares_by_evidence(gaps) == pytest.approx(BEFORE)
+    assert fractions_by_evidence(gaps) == pytest.approx(BEFORE)
 
 
 def test_a_rim_tells_shapes_of_one_kind_apart_as_little_as_kinds_and_standing_in_full():

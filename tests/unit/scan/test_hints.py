@@ -9,15 +9,15 @@ import trimesh
 from patches import LEVEL
 from refusals import refused
 
+from toppling.models.hidden_base import draw_bases as unseen
 from toppling.models.hidden_base import evidence as base_kinds
-from toppling.models.hidden_base import from_scan as unseen
-from toppling.models.hidden_base.draws import BaseDraw, UnseenBase
+from toppling.models.hidden_base.draw_bases import AZIMUTHS_DEG, DrawnBases, draw_bases
 from toppling.models.hidden_base.evidence import OTHER_ERRORS_SHARE
-from toppling.models.hidden_base.from_scan import AZIMUTHS_DEG, DrawnBases, draw_bases
 from toppling.models.hidden_base.gap import GapDraw, hidden_base
 from toppling.models.hidden_base.inspection import Inspection, inspection_of
 from toppling.models.hidden_base.observed import reliefs
 from toppling.models.hidden_base.standing import check_inspection, nominal_draw
+from toppling.models.hidden_base.unseen_base import BaseDraw, UnseenBase
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.scan.read import Cloud

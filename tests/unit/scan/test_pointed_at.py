@@ -76,7 +76,7 @@ def test_no_base_touches_outside_the_silhouette_of_the_rock_above_it(hinted):
     hint = InterfaceHint.plane(pedestal.point_m, pedestal.slope_deg, pedestal.downhill_azimuth_deg)
     station, files = np.zeros(len(points), np.int32), (("all", len(points)),)
     found = survey(Cloud(points, ORIGIN_M, station, files), hint=hint if hinted else None)
-    interface, height_m = found.worked_out.interface, truth.rock.height_m
+    interface, height_m = found.cached.interface, truth.rock.height_m
     above = interface.flat(points[label == ROCK])
     outline = ConvexHull(above[above[:, 2] > 0.1 * height_m, :2]).equations
     feet = np.concatenate([draw.feet_m[draw.feet_m[:, 2] <= 1e-6, :2] for draw in found.scene.unseen.draws])

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from toppling.models.errors import InputError
+from toppling.models.hidden_base.draw_bases import AZIMUTHS_DEG, DRAWS, ENOUGH, interval_of
 from toppling.models.hidden_base.evidence import check_spanned, conditioned, pulls_log_likelihood
-from toppling.models.hidden_base.from_scan import AZIMUTHS_DEG, DRAWS, ENOUGH, interval_of
 from toppling.models.hidden_base.gap import resampled
 from toppling.models.hidden_base.intervals import LOOK, PULL
 from toppling.models.hidden_base.next_look import observations

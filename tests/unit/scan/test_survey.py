@@ -159,12 +159,12 @@ def one_sided():
     )
     seen = virtual.scan_around(truth, 1, stations=6, resolution_per_height=0.02, clutter=False)[:3]
     found = survey(virtual.cloud_of(seen, np.zeros(3))[0])
-    assert found.worked_out is not None
+    assert found.cached is not None
     points_m = np.vstack([station.points_m[station.label == ROCK] for station in seen])
     corners = truth.rock.vertices_m[truth.rock.faces]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     away_m = cKDTree(points_m).query(corners.mean(axis=1))[0]
-    unseen = away_m > 2.0 * found.worked_out.observed.surfels.voxel_m
+    unseen = away_m > 2.0 * found.cached.observed.surfels.voxel_m
     return truth, found.scene, float(area[unseen].sum() / area.sum())
 
 

@@ -12,7 +12,7 @@ from toppling.models.hidden_base.near_interface import (
     SidesSeen,
     UnseenSide,
 )
-from toppling.models.scan.close import side_gone_on
+from toppling.models.scan.close import extended_side
 
 HEIGHT_M, PITCH_M = 2.0, 0.012
 CENTRE_M = np.array([0.3, -0.2])
@@ -139,7 +139,7 @@ def radius_at(up):
 @pytest.mark.parametrize("unseen_deg", [90.0, 150.0])
 def test_a_round_side_goes_on_round_and_faces_outward(unseen_deg):
     points, normals = barrel(unseen_deg)
-    places, outward = side_gone_on(UnseenSide.of(points[points[:, 2] < 0.2]), points, normals, APART_M)
+    places, outward = extended_side(UnseenSide.of(points[points[:, 2] < 0.2]), points, normals, APART_M)
     turn = np.rad2deg(np.arctan2(places[:, 1], places[:, 0]))
     middle = np.abs(turn) < 0.4 * unseen_deg
     away = np.linalg.norm(places[:, :2], axis=1) / radius_at(places[:, 2])
@@ -214,7 +214,7 @@ def test_drawn_feet_lie_on_both_sides_of_the_true_one(radius):
 @pytest.mark.parametrize("radius", SHAPES)
 def test_the_side_goes_down_to_its_foot_below_what_was_seen_of_it(radius):
     found, points, normals = foot(radius, 1.0)
-    places, _ = side_gone_on(found, points, normals, 2.0 * STEP_M)
+    places, _ = extended_side(found, points, normals, 2.0 * STEP_M)
     turn = np.arctan2(places[:, 1], places[:, 0])
     middle = (np.abs(turn) < 0.5) & (places[:, 2] < 0.9)
     away = np.linalg.norm(places[:, :2], axis=1) / radius(turn, places[:, 2])

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from toppling.models.hidden_base.draws import BaseDraw, UnseenBase
+from toppling.models.hidden_base.unseen_base import BaseDraw, UnseenBase
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.motion import Motion
 from toppling.models.motions.record import Record

@@ -17,13 +17,13 @@ import numpy as np
 import trimesh
 from scipy.spatial.transform import Rotation
 
+from toppling.models.caching import cached
 from toppling.models.compiled import Array, Flags, Indices, compiled
 from toppling.models.ground.body import GroundedBody
 from toppling.models.ground.plane import is_over_plane
 from toppling.models.ground.points import ContactModel
 from toppling.models.ground.rigid import rotation_of
 from toppling.models.ground.stepping import Grounded
-from toppling.models.kept import kept
 from toppling.models.terminal import standard_error_to
 from toppling.workers.engines.protocol import StepCheckError, Steps
 from toppling.workers.problem import Problem
@@ -33,16 +33,16 @@ with Path(os.devnull).open("w") as nowhere, standard_error_to(nowhere.fileno()):
     import pybullet  # which writes to standard error when it was built
 
 ALLOWED = 1e-9
-"""Of R: by which a pose may differ."""
+"""Tolerance over R on a pose."""
 
 GAP_ALLOWED = 2.0 * math.sqrt(3.0) / 10216
-"""Of R: by which the least gap may differ. PyBullet keeps a hull's corners to 1/10216 of its extent along each axis."""
+"""Tolerance over R on the least gap. PyBullet keeps a hull's corners to 1/10216 of its extent along each axis."""
 
 _NEAR = 0.05
-"""Of R: gaps up to which both look for contacts."""
+"""Gap over R up to which both find contacts."""
 
 _ABOVE = 1e-4
-"""Of the way from the points' middle to the centre of mass."""
+"""Share of the distance from the points' mean to the centre of mass."""
 
 _DISTANCE = 8
 """Field of a contact that `getClosestPoints` returns: its gap, m."""
@@ -129,7 +129,7 @@ class CheckedSteps:
                 raise StepCheckError(float(time_s[which[first]]), float(off[first]), allowed)
 
 
-@kept
+@cached
 def _is_coarse(body: GroundedBody) -> bool:
     """Whether PyBullet can repeat steps over a mesh: the rock is its hull, and what it touches is what is meshed."""
     return (
@@ -183,7 +183,7 @@ def carried_out(
     for k in range(0, len(given), 13):
         pybullet.resetBasePositionAndOrientation(_ROCK, given[k : k + 3], given[k + 3 : k + 7], client)
         found = pybullet.getClosestPoints(_ROCK, _GROUND, near_m, physicsClientId=client)
-        gap_m.append(min((one[_DISTANCE] for one in found), default=near_m))
+        gap_m.append(min((contact[_DISTANCE] for contact in found), default=near_m))
         pybullet.resetBaseVelocity(_ROCK, given[k + 7 : k + 10], given[k + 10 : k + 13], client)
         pybullet.stepSimulation(client)
         for part in pybullet.getBasePositionAndOrientation(_ROCK, client):

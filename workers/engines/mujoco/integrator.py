@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from toppling.models.caching import cached
 from toppling.models.compiled import Array
 from toppling.models.errors import InputError
 from toppling.models.ground.plane import FLAT_SHARE
 from toppling.models.ground.points import contact_of
 from toppling.models.ground.stepping import Grounded
-from toppling.models.kept import kept
 from toppling.models.motions.motion import Motion
 from toppling.models.relief import contact_feet_m
 from toppling.models.scene import Scene
@@ -111,11 +111,11 @@ def _forces_in(forces: Array, gravity_m_s2: Array, first: int, steps: int) -> Ar
     return out
 
 
-def _turned(quaternion_xyzw: Array, carried: Array) -> Array:
+def _turned(quaternion_xyzw: Array, vectors: Array) -> Array:
     """Vectors (n, 3), each turned by an attitude (n, 4)."""
     vector, scalar = quaternion_xyzw[:, :3], quaternion_xyzw[:, 3:]
-    across = np.cross(vector, carried)
-    return np.asarray(carried + 2.0 * (scalar * across + np.cross(vector, across)))
+    across = np.cross(vector, vectors)
+    return np.asarray(vectors + 2.0 * (scalar * across + np.cross(vector, across)))
 
 
 @lru_cache(maxsize=1)
@@ -127,10 +127,10 @@ def _rollout() -> tuple[Any, int]:
 
 
 _MOST_PIECES = {"rock": 100, "ground": 3000}
-"""Of what is to be collided: more take minutes to prepare, and seconds a step."""
+"""Maximum number of convex pieces to collide: more take minutes to prepare, and seconds a step."""
 
 
-@kept
+@cached
 def _surface_world(scene: Scene, step_s: float) -> tuple[Any, Any]:
     """A scene on its surface as MuJoCo's model and data: support frame, body axes.
 
@@ -181,7 +181,7 @@ def _too_hollow(share: float, wedges: list[Any] | None) -> InputError:
 
 
 _MARGIN_SHARE = 1e-6
-"""Of R: points so near are in contact, or rounding decides which corners of a block at rest are, and it slips askew."""
+"""Gap over R up to which points are in contact: with none, rounding decides which corners carry a block at rest."""
 
 _SEATED_WITHIN_DEG = 0.5
 """A rock at rest that is tilted by less from its seat is back in it: what is left is the contacts' compression."""
@@ -223,12 +223,11 @@ class MujocoSteps:
     def _is_slow(self, sim: Grounded, since: int) -> bool:
         """Whether the rock has hardly moved since a pose."""
         last = sim.counts[1]
-        way_m = travel_m(sim.pose[since], sim.pose[last], sim.size_m)
-        speed_m_s = np.linalg.norm(sim.velocity[last, :3]) + sim.size_m * np.linalg.norm(
-            sim.velocity[last, 3:]
-        )
+        path_m = travel_m(sim.pose[since], sim.pose[last], sim.size_m)
+        velocity = sim.velocity[last]
+        speed_m_s = np.linalg.norm(velocity[:3]) + sim.size_m * np.linalg.norm(velocity[3:])
         slow = self._problem.rest_speed_m_s
-        return bool(way_m < slow * (sim.time_s[last] - sim.time_s[since]) and speed_m_s < slow)
+        return bool(path_m < slow * (sim.time_s[last] - sim.time_s[since]) and speed_m_s < slow)
 
     def _sits_down(self, sim: Grounded) -> bool:
         """Take a rock at rest back to its seat, turned and shifted along the plane, if it is nearly there."""
@@ -244,7 +243,7 @@ class MujocoSteps:
         return True
 
 
-@kept
+@cached
 def _world(scene: Scene, step_s: float) -> tuple[Any, Any]:
     """A scene as MuJoCo's model and data: support frame, body axes."""
     import mujoco

@@ -12,7 +12,7 @@ from toppling.models.compiled import Array, Indices
 from toppling.models.ground.mesh import ContactMesh
 
 _FILLED_SHARE = 1e-3
-"""Of a piece's volume: cells join while their hull is larger than they are by less."""
+"""Share of a piece's volume by which the hull of joined cells may exceed the cells."""
 
 _STEEP = 0.1
 """Upward part of a triangle's normal up to which the ground lies behind it, not below it."""
@@ -67,9 +67,9 @@ def hollow_m(rock: ContactMesh, within_m: float) -> float:
         a, b, c = np.moveaxis(corners[below.max(axis=1).min(axis=1) > deepest + within_m], 1, 0)
         d, e, f = (a + b) / 2.0, (b + c) / 2.0, (c + a) / 2.0
         parts = np.concatenate(
-            [np.stack(each, axis=1) for each in ((a, d, f), (d, b, e), (f, e, c), (d, e, f))]
+            [np.stack(corners_m, axis=1) for corners_m in ((a, d, f), (d, b, e), (f, e, c), (d, e, f))]
         )
-        waiting += [each for each in (rest, parts) if len(each)]
+        waiting += [left for left in (rest, parts) if len(left)]
     return float(deepest)
 
 
@@ -106,7 +106,7 @@ def _joined(cells: Array, edge_of: Indices, group: Indices) -> list[Array]:
                 if both is not None:
                     pieces[number] = both
                     del pieces[other]
-                    owner = [number if each == other else each for each in owner]
+                    owner = [number if part == other else part for part in owner]
                     grown.add(number)
                     break
         fresh = grown

@@ -21,11 +21,11 @@ from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.transform import Rotation
 
 from toppling.models.arrays import Array, Flags, Indices
+from toppling.models.caching import cached
 from toppling.models.errors import InputError, refusals
 from toppling.models.files.digest import BLANK, KEY, read_json, seal
 from toppling.models.files.documents import shown
 from toppling.models.frames import plane_axes
-from toppling.models.kept import kept
 from toppling.models.pedestal import Pedestal
 from toppling.models.relief import contact_feet_m
 from toppling.models.rock import Rock
@@ -182,7 +182,7 @@ class UnseenBase:
         return cls(band_m, draws, nominal, vertices)
 
 
-@kept
+@cached
 def feet_above_m(rock: Rock, pedestal: Pedestal, band_m: float) -> Array:
     """Feet (n, 3) of rock and pedestal, scene frame, whose clearance is at least so much."""
     feet = contact_feet_m(rock, pedestal)
@@ -205,17 +205,17 @@ def least_feet(feet_m: ArrayLike, high_m: Array, com_m: Array, tolerance_m: floa
         return feet
     feet = feet[np.sort(corners[corners < len(feet)])]
     touching = feet[:, 2] <= feet[:, 2].min() + 0.1**_DECIMALS
-    kept = _outline(feet, touching) | _outline(feet, np.ones(len(feet), bool))
+    selected = _outline(feet, touching) | _outline(feet, np.ones(len(feet), bool))
     while True:
-        facets = ConvexHull(np.vstack([feet[kept], fixed])).equations
+        facets = ConvexHull(np.vstack([feet[selected], fixed])).equations
         down = facets[facets[:, 2] < _LEAST_DOWN]
         below = down[:, :3] @ feet.T + down[:, 3:]
         lowest = below.argmax(axis=1)
         worst = np.zeros(len(feet), bool)
         worst[lowest[below[np.arange(len(down)), lowest] > tolerance_m]] = True
-        if not (worst & ~kept).any():
-            return feet[kept]
-        kept |= worst
+        if not (worst & ~selected).any():
+            return feet[selected]
+        selected |= worst
 
 
 def _outline(feet: Array, of: Flags) -> Flags:

@@ -21,7 +21,7 @@ class _Answers(OrderedDict[Any, Any]):
         return _Answers, ()
 
 
-def kept(
+def cached(
     function: Callable[Concatenate[_Owner, _Given], _Found],
 ) -> Callable[Concatenate[_Owner, _Given], _Found]:
     """Cache the results of a function on its first argument, a frozen object.
@@ -50,9 +50,8 @@ class Described:
         raise NotImplementedError
 
     def __repr__(self) -> str:
-        return (
-            f"{type(self).__name__}({', '.join(f'{name}: {value}' for name, value in self._facts().items())})"
-        )
+        facts = ", ".join(f"{name}: {value}" for name, value in self._facts().items())
+        return f"{type(self).__name__}({facts})"
 
     def _repr_html_(self) -> str:
         facts = {escape(name): escape(str(value)) for name, value in self._facts().items()}

@@ -12,7 +12,6 @@ from scipy.spatial import ConvexHull
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.frames import STANDARD_GRAVITY_M_S2
-from toppling.models.hidden_base.draws import BaseDraw, UnseenBase
 from toppling.models.hidden_base.evidence import (
     OTHER_ERRORS_SHARE,
     Pulls,
@@ -20,15 +19,16 @@ from toppling.models.hidden_base.evidence import (
     check_spanned,
     conditioned,
     flat_draws,
+    fractions_by_evidence,
     mixed_weights,
     pulls_log_likelihood,
-    shares_by_evidence,
 )
 from toppling.models.hidden_base.gap import Base, GapDraw, Underside, draw_gaps, encloses, resampled
 from toppling.models.hidden_base.inspection import Inspection
 from toppling.models.hidden_base.intervals import FEW_DISTINCT
 from toppling.models.hidden_base.observed import HiddenPart, hidden_part, reliefs
 from toppling.models.hidden_base.statics import BAND_PER_HEIGHT, DrawStatics, mass_moved_m
+from toppling.models.hidden_base.unseen_base import BaseDraw, UnseenBase
 from toppling.models.pedestal import Pedestal
 from toppling.models.proportions import effective_number
 from toppling.models.rock import Rock
@@ -37,14 +37,14 @@ from toppling.models.scan.interface import Interface
 from toppling.models.scan.uncertainty import ObservedRock
 
 DRAWS = 48
-"""Kept in the scene."""
+"""Number of draws in the scene."""
 CANDIDATES = 162
-"""Draws of each kind, shared by its priors, of which the likelier are kept."""
+"""Number of candidates of each kind, shared by its priors."""
 PULLED = 160
-"""Places among the weights of the candidates; those that one falls on are pulled."""
+"""Number of places among the weights of the candidates at which candidates are tested by pulls."""
 MORE_ROUNDS, ENOUGH = 3, 16.0
-"""Where measured pulls leave fewer effective draws than enough, so many more rounds of candidates at most are drawn;
-if they are too few still, the pulls count less."""
+"""Maximum number of further rounds of candidates where pulls leave too few effective draws, and how many suffice; where
+they are too few still, the pulls count less."""
 LEVEL = 0.9
 """Probability of the stated intervals."""
 AZIMUTHS_DEG = np.arange(0.0, 360.0, 15.0)
@@ -112,14 +112,14 @@ class DrawnBases:
 def interval_of(acceleration_m_s2: Array, weight: Array | None = None) -> tuple[Array, Array, Array]:
     """Low, median and high of draws (n, azimuths), with what no draw shows; (k, azimuths) for weights (k, n)."""
     tail = 0.5 * (1.0 - LEVEL)
-    shares = np.array([tail, 0.5, 1.0 - tail])
+    levels = np.array([tail, 0.5, 1.0 - tail])
     if weight is None:
-        low, median, high = np.quantile(acceleration_m_s2, shares, axis=0)
+        low, median, high = np.quantile(acceleration_m_s2, levels, axis=0)
     else:
         low, median, high = np.array(
             [
-                np.quantile(acceleration_m_s2, shares, axis=0, weights=each, method="inverted_cdf")
-                for each in weight
+                np.quantile(acceleration_m_s2, levels, axis=0, weights=row, method="inverted_cdf")
+                for row in weight
             ]
         ).swapaxes(0, 1)
     # What the draws do not show is joined in quadrature, on each side.
@@ -160,19 +160,19 @@ def draw_bases(
     def candidates() -> list[Candidate]:
         return _standing_draws(part, base, closed, interface, com_std_m, asked, random)
 
-    found, shares, weight = _weighed(candidates, statics, inspection.pulls, not interface.is_plane, random)
+    found, fractions, weight = _weighed(candidates, statics, inspection.pulls, not interface.is_plane, random)
     if not found:
         raise contradiction(part, interface.projected_m(closed.com_m[None])[0], interface, inspection)
-    kept = [found[number] for number in resampled(weight, DRAWS, random)]
-    lift_off, toppling, feet = zip(*_once_each(kept, statics), strict=True)
+    selected = [found[number] for number in resampled(weight, DRAWS, random)]
+    lift_off, toppling, feet = zip(*_distinct_paths(selected, statics), strict=True)
     return DrawnBases(
         part,
-        [gap for gap, _ in kept],
-        np.array([com for _, com in kept]),
+        [gap for gap, _ in selected],
+        np.array([com for _, com in selected]),
         np.array(toppling),
         com_std_m,
         np.array(lift_off) if interface.is_plane else None,
-        shares,
+        fractions,
         list(feet),
     )
 
@@ -181,14 +181,14 @@ Candidate = tuple[GapDraw, Array]
 """A gap on which the rock stands, and the centre of mass with it."""
 
 
-def _once_each(kept: list[Candidate], statics: DrawStatics) -> list[tuple[Array, Array, Array]]:
+def _distinct_paths(selected: list[Candidate], statics: DrawStatics) -> list[tuple[Array, Array, Array]]:
     """Accelerations at lift-off and at toppling (azimuths,), and feet, of draws that may be one several times."""
     once: dict[tuple[int, bytes], tuple[Array, Array, Array]] = {}
-    for gap, com_m in kept:
+    for gap, com_m in selected:
         if (key := (id(gap), com_m.tobytes())) not in once:
             feet = statics.few_feet(gap, com_m)
             once[key] = (*statics.path_m_s2(gap, com_m, tuple(AZIMUTHS_DEG), feet), feet)
-    return [once[id(gap), com_m.tobytes()] for gap, com_m in kept]
+    return [once[id(gap), com_m.tobytes()] for gap, com_m in selected]
 
 
 def _weighed(
@@ -211,21 +211,21 @@ def _weighed(
     found = candidates()
     if not found:
         return [], {}, np.empty(0)
-    shares = shares_by_evidence([gap for gap, _ in found])
-    if over_surface and 0.0 < shares.get(FLAT, 1.0) < _FITTING_SHARE:
-        rest = (1.0 - _FITTING_SHARE) / (1.0 - shares[FLAT])
-        shares = {each: _FITTING_SHARE if each == FLAT else rest * share for each, share in shares.items()}
-    weight = mixed_weights([gap for gap, _ in found], shares)
+    fractions = fractions_by_evidence([gap for gap, _ in found])
+    if over_surface and 0.0 < fractions.get(FLAT, 1.0) < _FITTING_SHARE:
+        rest = (1.0 - _FITTING_SHARE) / (1.0 - fractions[FLAT])
+        fractions = {k: _FITTING_SHARE if k == FLAT else rest * share for k, share in fractions.items()}
+    weight = mixed_weights([gap for gap, _ in found], fractions)
     if not pulls:
-        return found, shares, weight
+        return found, fractions, weight
 
     def likely(found: list[Candidate]) -> list[Candidate]:
         """Candidates by their weights: what next to never stands as drawn needs no pull."""
-        weight = mixed_weights([gap for gap, _ in found], shares)
+        weight = mixed_weights([gap for gap, _ in found], fractions)
         return [found[number] for number in np.unique(resampled(weight, PULLED, random))]
 
     found = likely(found)
-    weight, ratios = mixed_weights([gap for gap, _ in found], shares), borne(found)
+    weight, ratios = mixed_weights([gap for gap, _ in found], fractions), borne(found)
     check_spanned(pulls, ratios, weight)
     likelihood = pulls_log_likelihood(pulls, ratios)
     for _ in range(MORE_ROUNDS):
@@ -233,9 +233,9 @@ def _weighed(
             break
         more = likely(candidates())
         found, ratios = found + more, np.vstack([ratios, borne(more)])
-        weight = mixed_weights([gap for gap, _ in found], shares)
+        weight = mixed_weights([gap for gap, _ in found], fractions)
         likelihood = pulls_log_likelihood(pulls, ratios)
-    return found, shares, conditioned(weight, likelihood, ENOUGH)
+    return found, fractions, conditioned(weight, likelihood, ENOUGH)
 
 
 def _standing_draws(
@@ -253,8 +253,8 @@ def _standing_draws(
     gaps = []
     for kind, priors in ((ROUGH, reliefs(part.width_m)), (ROUNDED, bowls(part.width_m))):
         if kind in asked:
-            each = projected_com[: CANDIDATES // len(priors)]
-            gaps += draw_gaps(part.observed, each, priors, random, kind)
+            centres_m = projected_com[: CANDIDATES // len(priors)]
+            gaps += draw_gaps(part.observed, centres_m, priors, random, kind)
     if FLAT in asked:
         gaps += flat_draws(part, base, DRAWS)
     found = []

@@ -20,7 +20,7 @@ from toppling.models.scan.interface_hint import InterfaceHint, hint_of
 from toppling.models.scan.placement import upward
 from toppling.models.scan.segment import NEITHER, ROCK
 from toppling.models.scan.surfels import SAMPLED_POINTS, SHOWN_POINTS, around, shade, thinned
-from toppling.models.scan.survey import Survey, WorkedOut
+from toppling.models.scan.survey import CachedScan, Survey
 from toppling.models.scan.uncertainty import spread_of
 
 _MOST_PLACES = 1000
@@ -208,19 +208,19 @@ def detail(
     return near.spacing_m, _drawn(points_m, [near.rows], label)
 
 
-def answer_shown(survey: Survey | None, worked: WorkedOut) -> dict[str, Any]:
+def answer_shown(survey: Survey | None, result: CachedScan) -> dict[str, Any]:
     """Results of hints in the cloud's frame; `survey` is None while the hidden base is not drawn."""
-    rock, plane = worked.closed.rock, worked.interface
-    pedestal = worked.pedestal
-    report = worked.report if survey is None else survey.scene.report
+    rock, plane = result.closed.rock, result.interface
+    pedestal = result.pedestal
+    report = result.report if survey is None else survey.scene.report
     base = report.get("unseen_base", {})
     return {
         "volume_m3": rock.volume_m3,
-        "volume_std_m3": spread_of(worked.closed)["volume_std_m3"],
+        "volume_std_m3": spread_of(result.closed)["volume_std_m3"],
         "height_m": rock.height_m,
         "slope_deg": pedestal.slope_deg,
         "downhill_azimuth_deg": pedestal.downhill_azimuth_deg,
-        "top_m": _top(worked).tolist(),
+        "top_m": _top(result).tolist(),
         "plane": {"point_m": plane.point_m.tolist(), "normal": plane.normal.tolist(), **report["interface"]},
         "surface": report["surface"],
         "toppling": base.get("toppling"),
@@ -229,17 +229,17 @@ def answer_shown(survey: Survey | None, worked: WorkedOut) -> dict[str, Any]:
     }
 
 
-def _top(worked: WorkedOut) -> Array:
+def _top(result: CachedScan) -> Array:
     """Highest patch of the rock."""
-    patches = worked.observed.surfels.points_m[worked.observed.patches]
+    patches = result.observed.surfels.points_m[result.observed.patches]
     return patches[np.argmax(patches[:, 2])]
 
 
-def tops(worked: WorkedOut) -> list[dict[str, Any]]:
+def tops(result: CachedScan) -> list[dict[str, Any]]:
     """Rocks found by the segmentation, the selected one first, in the cloud's frame."""
-    top, height = _top(worked), worked.observed.height_m
+    top, height = _top(result), result.observed.height_m
     own = {"top_m": top.tolist(), "height_m": height}
-    others = worked.report["segmentation"]["other_candidates"]
+    others = result.report["segmentation"]["other_candidates"]
     apart = [
         other for other in others if np.linalg.norm(top - other["top_m"]) > _SAME_TOP_PER_HEIGHT * height
     ]

@@ -22,7 +22,7 @@ from toppling.results.analysis.audit_statistics import Audit, audits_of
 from toppling.results.analysis.exchange import read_curves
 from toppling.results.analysis.fits import answered
 from toppling.results.analysis.fragility import by_surroundings, frictions, least_sector
-from toppling.results.analysis.lognormal import Lognormal
+from toppling.results.analysis.lognormal import FEW_TOPPLED, Lognormal
 from toppling.results.analysis.plane_reference import reference_lines, simulate
 from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.drawing import run_figures
@@ -65,9 +65,18 @@ class Fragility(Described):
         """Fragility curve over an intensity measure, such as `pgv_m_s`.
 
         contact: needed where the run has several.
-        Raises KeyError if there is none: fits were not asked for, or the answers bear none.
+        Raises InputError if there is none: fits were not asked for, or too few jobs topple.
         """
-        return self.curves[contact][measure]
+        if measure in self.curves.get(contact, {}):
+            return self.curves[contact][measure]
+        known = [f"{name} {at}".strip() for at, curves in self.curves.items() for name in curves]
+        raise InputError(
+            "fragility.no_curve",
+            f"no curve over {f'{measure} {contact}'.strip()}; curves are over: {', '.join(known) or 'none'}",
+            where=str(self.run.path),
+            expected=f"a measure and a contact with a curve, which at least {FEW_TOPPLED} toppled jobs bear",
+            remedy="correct the name, ask for fit=True, or add levels at which more jobs topple",
+        )
 
     def _facts(self) -> dict[str, object]:
         known = answered(self.jobs)
@@ -113,8 +122,7 @@ def fragility(
         Direction bins.
     sector : (float or str, float or str) or None
         Sector of azimuths (degrees counter-clockwise from east) or bearings (N40E), whose share of topplings is stated;
-        35 degrees around
-        where the least constant acceleration topples the rock to unless given.
+        35 degrees around where the least constant acceleration topples the rock to unless given.
     fit : bool
         Fit curves and surfaces too, with so many samples, and rank the intensity measures.
     reference : bool

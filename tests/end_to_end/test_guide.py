@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import click
+import laspy
 import numpy as np
 import pytest
 import trimesh
@@ -26,6 +27,7 @@ from toppling.models.files.mesh_files import write_ply
 from toppling.models.frames import STANDARD_GRAVITY_M_S2
 from toppling.models.hidden_base.rough_base import with_rough_base
 from toppling.models.motions.synthetic import synthetic_ensemble
+from toppling.models.scan.virtual import demo_scan
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cli import cli
@@ -260,19 +262,34 @@ def test_every_block_of_a_page_does_what_it_shows(page, request, tmp_path):
             carry_out(block, folder)
 
 
-@pytest.mark.slow
-def test_the_scan_of_the_pages_makes_a_scene(tmp_path):
-    import laspy
-
-    from toppling.models.scan.virtual import demo_scan
-
+def write_stations(folder, every):
+    """Two LAZ files with each so many-th point of the demo's virtual scan."""
     stations, _ = demo_scan(1)
     for number, group in enumerate((stations[::2], stations[1::2]), 1):
-        points_m = np.concatenate([station.points_m for station in group])
+        points_m = np.concatenate([station.points_m for station in group])[::every]
         cloud = laspy.create(point_format=0, file_version="1.2")
         cloud.header.scales, cloud.header.offsets = [1e-4] * 3, points_m.mean(axis=0).round()
         cloud.x, cloud.y, cloud.z = points_m.T
-        cloud.write(tmp_path / f"station{number}.laz")
+        cloud.write(folder / f"station{number}.laz")
+
+
+def test_the_page_on_python_goes_from_a_cloud_to_a_constraint(example, tmp_path):
+    folder = tmp_path / "here"
+    shutil.copytree(example, folder, ignore=shutil.ignore_patterns("rock", "runs"))
+    write_stations(folder, 5)
+    text = (folder / "campaign.toml").read_text()  # of a block of 1.2 m; the scanned rock is 14 m high
+    text = re.sub("pga_m_s2 = {.*}", "pga_m_s2 = [5, 15, 40]", text.replace("[0, 90, 180, 270]", "[0, 180]"))
+    (folder / "campaign.toml").write_text(text)
+    page = [block.text for block in blocks(ROOT / "docs" / "guide" / "python.md")]
+    begin = next(number for number, text in enumerate(page) if "import run, scan" in text)
+    carry_out(Block("python", "\n".join(page[begin : begin + 2]), ""), folder)
+    assert Scene.load(folder / "scenes" / "rock").rock.volume_m3 > 100.0
+    assert json.loads((folder / "constraint" / "constraint.json").read_text())["rocks"]
+
+
+@pytest.mark.slow
+def test_the_scan_of_the_pages_makes_a_scene(tmp_path):
+    write_stations(tmp_path, 1)
     slow = [block for page in PAGES for block in blocks(page) if block.how == "slow"]
     assert slow
     for words in {tuple(words) for block in slow for words in commands(block.text)}:

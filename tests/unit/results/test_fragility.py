@@ -9,9 +9,11 @@ import pyarrow.parquet as pq
 import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
+from refusals import refused
 from seeded import row, rows
 
 from toppling.models.motions.quality import is_beyond
+from toppling.orchestrator.public.fragility_figures import Fragility
 from toppling.results.analysis.fits import answered
 from toppling.results.analysis.fragility import (
     PLANES,
@@ -23,7 +25,7 @@ from toppling.results.analysis.fragility import (
     unplaced,
     wilson,
 )
-from toppling.results.analysis.lognormal import fit
+from toppling.results.analysis.lognormal import Lognormal, fit
 from toppling.results.analysis.unphysical import unphysical_of
 from toppling.results.reader import open_run
 from toppling.results.store import write_part
@@ -232,3 +234,12 @@ def test_weights_of_records_count(run):
     told, known = unphysical_of(run, weighted), pd.DataFrame(answered(weighted))
     expected = (known["toppled"] * known["record_weight"]).sum() / known["record_weight"].sum()
     assert told.share == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("known", [(), ("pga_m_s2", "sa_1s_m_s2")])
+def test_a_curve_that_the_answers_do_not_bear_is_refused_by_the_measures_that_they_do(known, tmp_path):
+    (tmp_path / "parts").mkdir()
+    curves = {"0.8": {name: Lognormal(name, 4.0, 0.3) for name in known}}
+    drawn = Fragility(open_run(tmp_path), tmp_path, [], pd.DataFrame(), None, {}, curves=curves)
+    with refused("fragility.no_curve", tmp_path, "pgv_m_s", *known or ["none"]):
+        drawn.curve("pgv_m_s", "0.8")

@@ -21,8 +21,14 @@ from toppling.models.ground.rigid import copy, cross, dot, plus, square
 from toppling.models.ground.sticking_contacts import stick_at_once
 
 _PRECISION = 1e-10
-"""Convergence tolerance on contact velocities, over the fastest contact's speed; relaxed where rounds do not converge:
-where gaps differ by rounding, contacts on a plane hand their load to three of them in very many rounds."""
+"""Convergence tolerance on contact velocities, over the fastest contact's speed; it doubles with each round."""
+
+_AGREEMENT = 2e-6
+"""Tolerance up to which it doubles in the last rounds.
+
+Contacts touch whose gaps differ by 2e-6 R (`stepping.TOUCHING_SHARE`): as the rock turns, their velocities differ by
+such a share of its speed, and redundant ones hand their load to three of them in very many rounds.
+"""
 
 _STIFFNESS, _STIFFEST = 1e5, 1e6
 """Initial and largest stiffness, over that of a contact which a single impulse stops."""
@@ -73,7 +79,8 @@ def _solve_with(at: Touching, friction: float) -> bool:
         if _find_velocity(at, friction, within):
             if _take_impulses(at, friction) <= enough:
                 return True
-            enough = min(2.0 * enough, max(at.enough_m_s, within))
+            most = max(at.enough_m_s, within if count < _ROUNDS - _BEGINS_ANEW else _AGREEMENT * fastest_m_s)
+            enough = min(2.0 * enough, most)
             stiffness = min(raised * stiffness, _STIFFEST)
         else:
             copy(at.room.start, at.velocity)

@@ -5,10 +5,11 @@ import math
 
 import numpy as np
 import pytest
-from test_ground import HALF_HEIGHT_M, HALF_WIDTH_M, G, as_surface, block, pulse, strips
+from test_ground import HALF_HEIGHT_M, HALF_WIDTH_M, G, as_surface, block, prism, pulse, strips
 from test_rest_on_facets import burst
 
 from toppling.models.motions.motion import Motion
+from toppling.models.scene import Scene
 from toppling.workers.shaking import shake
 
 HEIGHT_M = 1.0
@@ -146,3 +147,24 @@ def test_a_base_drawn_over_a_plane_meets_a_curb_and_a_rim_as_its_own_would():
 
 def test_a_rock_that_topples_before_it_slides_anywhere_has_toppled():
     assert shake(on_drawn_base(block(mesa(0.26, 0.26))), pulse(5.0, 0.6), "fast").outcome == "toppled"
+
+
+@pytest.mark.parametrize("step_m", [0.05, 0.2, 0.4])
+def test_exactly_parallel_feet_on_two_levels_agree_in_every_impact(step_m):
+    """Eight corners of two feet are more than a rock needs: they share an impact in more ways than one."""
+    ring = [
+        (-0.5, 0),
+        (-0.3, 0),
+        (-0.3, 0.6),
+        (0.3, 0.6),
+        (0.3, step_m),
+        (0.5, step_m),
+        (0.5, 1.6),
+        (-0.5, 1.6),
+    ]
+    rock = prism(ring, [(0, 1, 2), (0, 2, 7), (2, 3, 6), (2, 6, 7), (3, 4, 5), (3, 5, 6)], half_depth=0.4)
+    levels = strips([(-6.0, 0.0), (-0.2, 0.0), (-0.2, -1.0), (0.2, -1.0), (0.2, step_m), (6.0, step_m)])
+    scene = Scene.from_mesh(rock, pedestal=levels, friction=0.8)
+    shakes = [shake(scene, Motion(burst(seed, 9.0, 6.0), 0.01), "fast") for seed in range(6)]
+    assert {"contacts_disagree"}.isdisjoint(each.ended_by for each in shakes)
+    assert max(each.max_tilt_deg for each in shakes) > 1.0

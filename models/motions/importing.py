@@ -151,7 +151,11 @@ def _prepared(name: str, channels: Triple, options: ImportOptions, entry: Entry 
     measures = {**record.intensity}
     if azimuths is not None:
         measures["between_horizontals_deg"] = float(apart_deg(*azimuths))
-    return Candidate(record, shaking, bool(corrected), (*warnings, *warnings_of(measures, unit, baseline)))
+    drift = (
+        ("its displacement still drifts after processing: doubt its PGV",) if quality == "drifting" else ()
+    )
+    found = (*warnings, *drift, *warnings_of(measures, unit, baseline))
+    return Candidate(record, shaking, bool(corrected), found)
 
 
 def _refuse_incomplete(channels: Triple, options: ImportOptions) -> None:

@@ -184,7 +184,7 @@ def _print(table: "Table", width: int) -> None:
 def _show_catalog(rows: list[dict]) -> None:
     """Print an ensemble's records as a table."""
     heads = ("record", "event", "station", "M", "R km", "PGA m/s²", "toward °", "PGV m/s", "PGV/PGA s", "D s",
-             "2nd dir.")  # fmt: skip
+             "2nd dir.", "quality")  # fmt: skip
     words = [
         (
             row["record_id"], row["event"], row["station"],
@@ -192,7 +192,7 @@ def _show_catalog(rows: list[dict]) -> None:
             "?" if row["distance_km"] is None else f"{row['distance_km']:.1f}",
             f"{row['pga_m_s2']:.2f}", f"{row['ground_accelerates_toward_deg']:.0f}" if row["north_known"] else "?",
             f"{row['pgv_m_s']:.3f}", f"{row['pgv_pga_s']:.3f}", f"{row['duration_energy_s']:.1f}",
-            f"{row['directionality']:.2f}",
+            f"{row['directionality']:.2f}", row["quality"],
         )
         for row in rows
     ]  # fmt: skip

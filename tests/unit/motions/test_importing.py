@@ -186,6 +186,13 @@ def test_columns_are_left_if_they_are_called_corrected_or_do_not_drift(added_m_s
         assert np.abs(record.motion.acceleration_m_s2 - a - added_m_s2).max() < 1e-6  # as it was printed
 
 
+def test_a_record_that_still_drifts_after_processing_is_told(tmp_path):
+    columns(tmp_path, np.outer(np.sin(np.pi * np.linspace(0.0, 1.0, 1000)) ** 2, [1.0, 0.8, 0.4]))
+    outcome = imported(tmp_path, process=True)
+    assert [record.quality for record in outcome.records] == ["drifting"]
+    assert len(outcome.warnings) == 2  # its pulse is another
+
+
 def written(folder: Path, name: str, seed: int, *replacements: dict[str, str]) -> list[Path]:
     folder.mkdir()
     changes = [pair for each in replacements for pair in each.items()]

@@ -17,8 +17,9 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 # An example may take long where other tests have the processors: time says nothing about a law.
-settings.register_profile("shared machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
-settings.load_profile("shared machine")
+slow = [HealthCheck.too_slow]
+settings.register_profile("seeded", deadline=None, derandomize=True, suppress_health_check=slow)
+settings.load_profile("seeded")
 
 
 @pytest.hookimpl(trylast=True)

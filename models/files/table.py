@@ -225,7 +225,8 @@ def _signs_in_numbers(
     if not (commas := numbers_with(",")):
         return ".", None
     points, thousands = numbers_with("."), all(map(_THOUSANDS.fullmatch, commas))
-    if thousands and (points or sign == "," or any(number.count(",") > 1 for number in commas)):
+    whole = sign == "," and not coordinates
+    if thousands and (points or whole or any(number.count(",") > 1 for number in commas)):
         return ".", ","
     decimal = all(map(_DECIMAL.fullmatch, commas)) and all(map(_DOTTED.fullmatch, points))
     return (",", ".") if decimal and (not thousands or coordinates) else (".", None)

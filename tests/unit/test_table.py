@@ -50,9 +50,9 @@ def test_a_comma_is_decimal_between_thousands_or_left_as_the_table_shows(text, c
     assert of(text).rows[1][1] == cells
 
 
-@pytest.mark.parametrize("sign", [";", "\t", " "])
-def test_three_decimals_of_coordinates_are_no_thousands(sign):
-    table = Table.of([sign.join(["1,500", "2,750"])] * 2, Path(), coordinates=True)
+@pytest.mark.parametrize("line", ["1,500;2,750", "1,500\t2,750", "1,500 2,750", '"1,500","2,750"'])
+def test_three_decimals_of_coordinates_are_no_thousands(line):
+    table = Table.of([line] * 2, Path(), coordinates=True)
     assert table.rows[1][1] == ["1.500", "2.750"]
 
 

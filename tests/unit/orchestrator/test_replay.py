@@ -1,11 +1,9 @@
 """A job seen again is the job that was done; seismograms are judged as they are; a pulse is shown."""
 
 import json
-import re
 
 import pyarrow.parquet as pq
 import pytest
-from browser import needs_browser, shown
 from click.testing import CliRunner
 from reference import idealised
 
@@ -77,26 +75,6 @@ def test_a_job_seen_again_has_the_answer_and_the_way_of_the_run(replayed):
     assert way["time_s"].is_monotonic_increasing
     assert way["time_s"].min() <= row["topple_time_s"] <= way["time_s"].max()
     assert way["ground_x_m_s2"].abs().max() <= row["pga_m_s2"] * (1 + 1e-9)
-
-
-@needs_browser
-def test_the_page_plays_in_a_browser_without_a_network(replayed, tmp_path):
-    _, _, out = replayed
-    page = out / "replay.html"
-    asked = tmp_path / "asked.html"
-    # Ask for the last pose as a hand on the slider would.
-    last = "slider.value = slider.max; slider.oninput(); document.body.dataset.told = told.value;"
-    before, after = page.read_text().rsplit("</script>", 1)
-    asked.write_text(f"{before}{last}</script>{after}")
-    document, complaints = shown(asked, tmp_path / "profile")
-    poses = int(re.search(r'id="time"[^>]* max="(\d+)"', document).group(1))
-    assert poses > 10
-    assert f'data-frame="{poses}"' in document
-    said = re.search(r'data-told="([^"]*)"', document).group(1)
-    assert float(re.search(r"tilt ([0-9.]+)°", said).group(1)) > 45
-    assert said.endswith("past no return")
-    assert "<canvas" in document
-    assert not [line for line in complaints if "Uncaught" in line or "ERR_" in line]
 
 
 @pytest.mark.thorough

@@ -62,8 +62,8 @@ def test_an_uncertainty_in_years_behind_an_age_in_thousands_is_refused_not_multi
     "content",
     [*(text.encode() for text in (
         "years,weight\n1500,1\n3000,3\n", "\ufeffyears,weight\n1500,1\n3000,3\n", "years\n1500\n3000\n3000\n3000\n",
-        "years\n1500.000\n3000.0\n3000.0\n3000.0\n", "ka,weight\n1.5,1\n3,3\n", "years,probability\n1500,.1\n3000,.3\n",
-        "ka;Weight\n1.5;25\n3;75\n", "Age (ka);Weight\n1,5;1\n3,0;3\n", "# of a model\nage_ka\tweight\n1.5\t1\n3\t3\n",
+        "ka,weight\n1.5,1\n3,3\n", "years,probability\n1500,.1\n3000,.3\n",
+        "Age (ka);Weight\n1,5;1\n3,0;3\n", "# of a model\nage_ka\tweight\n1.5\t1\n3\t3\n",
         "Age [yr],weight\n1500,1\n3000,3\n", 'years,weight\n"1,500",1\n"3,000",3\n',
         "years;weight\n1.500;0,25\n3.000;0,75\n",
     )), "Age (ka),weight\r\n1.5,1\r\n3,3\r\n".encode("utf-16")],

@@ -139,19 +139,3 @@ def test_a_surface_without_three_numbers_is_refused(tmp_path, numbers):
     path.write_text(f"measure,coefficient_0,coefficient_1,coefficient_2\npga_m_s2+pgv_m_s,{numbers}\n")
     with pytest.raises(InputError):
         read_surface(path, BOTH)
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "rock,measure,median,beta\nrock,pga_m_s2,4.5,0.5\n", "measure;median;beta\npga_m_s2;4,5;0,5\n",
-        "measure\tmedian\tbeta\npga_m_s2\t4.5\t0.5\n", ",measure,median,beta\n0,pga_m_s2,4.5,0.5\n",
-        "measure,median,beta\nPGA (cm/s2),450,0.5\n", "measure,median,beta\nPGA (m/s2),4.5,0.5\n",
-    ],
-)  # fmt: skip
-def test_a_curve_is_the_same_however_a_person_or_a_spreadsheet_writes_it(text, tmp_path):
-    (tmp_path / "curves.csv").write_text(text)
-    (curve,) = read_curves(tmp_path / "curves.csv").values()
-    assert (curve.measure, curve.median, curve.beta) == ("pga_m_s2", pytest.approx(4.5), 0.5)
-    (tmp_path / "a.xml").write_text(NRML.format(FUNCTION.format("<!-- the toppling -->" + PARAMS)))
-    assert curve.basis is read_curves(tmp_path / "a.xml")["pgv_m_s"].basis is None

@@ -135,22 +135,6 @@ def test_report_and_constraint_have_a_curve_from_the_same_number_of_topplings_on
     assert out_of_fold(few, ["pgv_m_s"]).notna().all()
 
 
-def test_samples_whose_answers_are_separated_have_no_fit():
-    """Twelve records at four levels, of which one topples early: without it a threshold divides the answers."""
-    first = [4.0] + [6.0] * 6 + [8.0] * 5
-    told = [
-        {"record_id": f"R{number:02d}", "pgv_m_s": level, "toppled": level >= from_level}
-        for number, from_level in enumerate(first)
-        for level in (2.0, 4.0, 6.0, 8.0)
-    ]
-    frame = pd.DataFrame(told)
-    resampled = bootstrap(frame, fit(frame, ["pgv_m_s"]), samples=200)
-    # Without the early one 6 | 8 is a level at which some topple: it is missing in (11/12)^12 = .35 of the samples.
-    assert 40 <= resampled.without_fit <= 100
-    # A sample with a maximum has both answers at two levels: beta cannot be next to nothing.
-    assert lognormal_interval(resampled)["beta_low"] > 0.1
-
-
 def test_a_sample_without_a_fit_is_a_curve_that_never_topples_in_its_place():
     frame = answered(pd.DataFrame(rows(records=24, levels=(2, 3, 4), seed=4), columns=SCHEMA.names))
     resampled = bootstrap(frame, fit(frame, ["pgv_m_s"], least_toppled=1))

@@ -68,23 +68,6 @@ def test_a_missing_row_of_a_field_is_no_motion(tmp_path):
 TABLE = "event_id,annual_rate,PGA (g),fault\n1,1E-03,0.5,Sévérac\n2,0.0002,0.25,Sévérac\n"
 
 
-@pytest.mark.parametrize(
-    ("name", "content"),
-    [
-        ("a.csv", f"# mine\n# more\n{TABLE}".encode()),
-        ("a.csv", TABLE.replace(",", ";").replace("0.", "0,").encode()),
-        ("a.csv", TABLE.replace("event_id,annual_rate", "Event_ID,Annual_Rate").encode()),
-        ("a.csv", b"event_id,annual_rate,PGA (cm/s2)\n1,1E-03,490.3325\n2,0.0002,245.16625\n"),
-    ],
-)  # fmt: skip
-def test_a_table_of_events_is_the_same_however_it_is_written(tmp_path, name, content):
-    (tmp_path / name).write_bytes(content)
-    assert is_event_set(tmp_path / name)
-    (branch,) = read_events(tmp_path / name).branches
-    np.testing.assert_allclose(branch.rate, [1e-3, 2e-4])
-    np.testing.assert_allclose(branch.motions["pga_m_s2"][:, 0], [0.5 * G, 0.25 * G])
-
-
 MANY = "event_id,annual_rate,PGA\n" + "".join(f"{n},1e-3,{{}}\n" for n in range(20))
 
 

@@ -255,16 +255,6 @@ def test_a_file_tells_places_that_touch_from_places_with_daylight(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "text", ["", "1,2,3\n", "1,2,3,maybe\n", "x,y,z,kind\n1,2,touch\n", "1,2,inf,touch\n"]
-)
-def test_a_file_that_says_no_place_is_refused_with_its_line(tmp_path, text):
-    path = tmp_path / "looked.csv"
-    path.write_text(text)
-    with refused("hint.place_unreadable" if text else "hint.no_places"):
-        inspection_of(path)
-
-
-@pytest.mark.parametrize(
     "pull", [(np.nan, 0.3), (90.0, 0.0), (90.0, -0.2), (90.0, 30.0), (500.0, 0.1), (360.0, 0.1), (-1.0, 0.1)]
 )
 def test_a_pull_beyond_the_round_or_with_a_force_beyond_reason_is_refused(pull):

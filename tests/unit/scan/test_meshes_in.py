@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 from refusals import refused
 
 from toppling.models.errors import InputError
@@ -131,18 +129,6 @@ def test_what_nobody_can_have_seen_is_left_out_and_nothing_else(tmp_path):
     below = low & inside([-2.5, 0.5], [-1.5, 1.5])
     assert below.sum() == pytest.approx(low.sum() / (8 * 6 - 0.63), rel=0.3)  # a square metre of the ground
     assert (np.abs(points[:, 2] - 0.5) < 1e-6).any()  # and the table's underside
-
-
-@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(st.integers(1, 12 * 50), st.integers(0, 200))
-def test_an_stl_is_read_whole_with_zeros_behind_it_or_refused(tmp_path_factory, lost, zeros):
-    path = tmp_path_factory.mktemp("stl") / "box.stl"
-    whole = trimesh.exchange.stl.export_stl(trimesh.creation.box())
-    path.write_bytes(whole + bytes(zeros))
-    assert len(meshes.mesh_as_in_file(path)[1]) == 12
-    path.write_bytes(whole[:-lost])
-    with refused("file.truncated", "12"):
-        meshes.mesh_as_in_file(path)
 
 
 def turned_over(path):

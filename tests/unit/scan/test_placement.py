@@ -162,19 +162,3 @@ def test_geocentric_axes_are_named_with_the_way_upward_that_places_them(tmp_path
     way = str(error.value).split("--up=")[1].split(", the way")[0]
     height_m = read_clouds([path], placement=placement_of(up=way)).points_m[:, 2]
     assert height_m - height_m.mean() == pytest.approx(points[:, 2] - points[:, 2].mean(), abs=1e-3)
-
-
-@pytest.mark.parametrize(
-    ("head", "said"),
-    [
-        ("name,easting,northing,height,x,y,z\n", "placement.sides_exchanged"),
-        ("# E N H X Y Z\n", "placement.sides_exchanged"),
-        ("name,x,y,z,E (ft),N (ft),H (ft)\n", "coordinates.unit_not_metres"),
-    ],
-)
-def test_names_of_control_points_columns_are_held_against_their_order_and_unit(tmp_path, head, said):
-    path = written(tmp_path / "gcp.csv", head=head)
-    with refused(said):
-        placement_of(gcp=path)
-    if "ft" in head:
-        assert placement_of(gcp=path, metres_per_unit=(0.3048, 0.3048)).says_scale

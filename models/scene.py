@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from toppling.models.arrays import Array
-from toppling.models.caching import Described
+from toppling.models.caching import Described, cached
 from toppling.models.errors import check_positive, refusals
 from toppling.models.files import digest
 from toppling.models.files.documents import finite, shown
@@ -242,7 +242,7 @@ class Scene(Described):
         if not self.ground.is_plane:
             from toppling.models.tipping import limits_on_surface
 
-            return limits_on_surface(self.grounded, azimuths)
+            return cached(limits_on_surface)(self.grounded, tuple(azimuths))
         normal, g = self.pedestal.normal, self.gravity_m_s2
         if (rolling := self.rolling_body) is not None:
             tips = rolling.toppling_m_s2(azimuths)
@@ -266,7 +266,7 @@ class Scene(Described):
     quasi_static_toppling_m_s2 = tips_m_s2
 
     @cached_property
-    def _stated(self) -> list[Limits]:
+    def stated(self) -> list[Limits]:
         """Values for `scene.json`; on a surface an azimuth takes some hundredths of a second."""
         return self.statics(np.arange(0.0, 360.0, 5.0 if self.ground.is_plane else 15.0))
 
@@ -340,7 +340,7 @@ class Scene(Described):
             **({} if self.unseen is None else {"bases": {"file": BASES, "draws": len(self.unseen)}}),
             "quasi_static_toppling_m_s2": [
                 {"azimuth_deg": azimuth, "value": tips, "slides_m_s2": slides}
-                for azimuth, tips, slides in self._stated
+                for azimuth, tips, slides in self.stated
             ],
             "report": report,
         }

@@ -46,8 +46,8 @@ VARIABLE = "PYTHONSAFEPATH"
 
 
 def safe_for_children() -> None:
-    """Exclude the working folder from the import paths of all child processes."""
-    os.environ[VARIABLE] = "1"
+    """Exclude the working folder from import paths of child processes; threads of BLAS mostly wait for each other."""
+    os.environ |= {VARIABLE: "1", "OPENBLAS_NUM_THREADS": "1"}
 
 
 def safe_as_module() -> None:

@@ -127,23 +127,24 @@ def tips_on_surface(
     feet are the outermost, then touch, along the surface's normals: on facets those within the outline count too.
     """
     seat = Seat.of(rock, Pedestal(interface.point_m, interface.normal))
-    down, places = interface.axes.T, contacts + interface.rise(contacts)
     above = (interface.scene(contacts) - rock.com_m) @ seat.frame.T + seat.com
+    rests = []
+    for row, azimuth in enumerate(azimuths_deg):
+        for turn, _, _ in seat.rests(STANDARD_GRAVITY_M_S2, azimuth):
+            rests.append((row, turn, above @ turn[2] <= (seat.points @ turn[2]).min() + seat.tolerance_m))
+    ever = np.any([touching for *_, touching in rests], axis=0) if rests else np.zeros(len(contacts), bool)
+    down, contacts = interface.axes.T, contacts[ever]
+    places = contacts + interface.rise(contacts)
     # Where two facets meet, along the second axis, a foot stands on both.
     aside = 0.5 * interface.lattice_m * np.array([[1.0, 0.0, 0.0]])
     sides = [interface.normals(contacts + aside), interface.normals(contacts - aside)]
     com, change = interface.flat(rock.com_m[None])[0], down @ seat.frame.T
-    gravity = down @ np.array([0.0, 0.0, -STANDARD_GRAVITY_M_S2])
-    found = np.zeros(len(azimuths_deg))
-    for row, azimuth in enumerate(azimuths_deg):
-        push = -down @ horizontal_unit_vector(azimuth)
-        for turn, _, _ in seat.rests(STANDARD_GRAVITY_M_S2, azimuth):
-            closed_m = (seat.points @ turn[2]).min() + seat.tolerance_m
-            touching = above @ turn[2] <= closed_m
-            normals = np.vstack([side[touching] for side in sides])
-            arms = np.tile((places[touching] - com) @ (change @ turn @ change.T).T, (2, 1))
-            most = tips_m_s2(arms, normals, size_m, gravity, push)
-            found[row] = max(found[row], most or 0.0)
+    gravity, found = down @ np.array([0.0, 0.0, -STANDARD_GRAVITY_M_S2]), np.zeros(len(azimuths_deg))
+    for row, turn, touching in rests:
+        normals = np.vstack([side[touching[ever]] for side in sides])
+        arms = np.tile((places[touching[ever]] - com) @ (change @ turn @ change.T).T, (2, 1))
+        push = -down @ horizontal_unit_vector(azimuths_deg[row])
+        found[row] = max(found[row], tips_m_s2(arms, normals, size_m, gravity, push) or 0.0)
     return found
 
 

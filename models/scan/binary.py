@@ -17,7 +17,7 @@ from toppling.models.arrays import Array, Flags
 from toppling.models.errors import InputError, refusals
 from toppling.models.files.given import check_lines, open_given
 from toppling.models.lengths import check_remarks, other_unit_in
-from toppling.models.scan import placement
+from toppling.models.scan import o3d, placement
 from toppling.models.scan.plausible import coordinate_steps
 from toppling.models.scan.text import NOWHERE, Pose, in_survey
 
@@ -270,8 +270,6 @@ def _text(node: Any, name: str) -> str:
 
 def pcd(path: Path) -> Points:
     """Read by Open3D's tensor reader: it keeps doubles and extra properties, which its legacy reader drops."""
-    import open3d as o3d
-
     count = _pcd_points(path)
     cloud = o3d.t.io.read_point_cloud(path)
     points = cloud.point.positions.numpy().astype(float) if "positions" in cloud.point else np.empty((0, 3))

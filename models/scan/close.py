@@ -13,7 +13,6 @@ from itertools import pairwise
 
 import manifold3d
 import numpy as np
-import open3d as o3d
 from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError, cKDTree
 
 from toppling.models.arrays import Array, Flags, Indices
@@ -21,6 +20,7 @@ from toppling.models.errors import InputError
 from toppling.models.hidden_base.gap import Base
 from toppling.models.hidden_base.near_interface import LEVELS, SidesSeen, UnseenSide
 from toppling.models.rock import Rock
+from toppling.models.scan import o3d
 from toppling.models.scan.crevice import grid_triangles
 from toppling.models.scan.interface import Interface, Sheet
 from toppling.models.scan.surfels import LEVEL, Surfels

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-import open3d as o3d
 
 from toppling.models.arrays import Array, Flags, Indices
 from toppling.models.errors import InputError
 from toppling.models.files.mesh_files import MESH_FORMATS, read_header, read_triangles
 from toppling.models.lengths import METRES, NAMES
+from toppling.models.scan import o3d
 from toppling.models.scan.placement import AXES, Placement
+from toppling.models.scan.surfels import scene_of_rays
 
 UPWARD_Y = (".glb", ".gltf")
 """Formats in which y is up by their rule."""
@@ -206,10 +208,7 @@ def exposed(points_m: Array, normals: Array, meshes: Sequence[Mesh]) -> Flags:
         return everything
     low, high = points_m.min(axis=0), points_m.max(axis=0)
     size, centre = float((high - low).max()), 0.5 * (low + high)
-    scene = o3d.t.geometry.RaycastingScene()
-    for vertices, faces in meshes:
-        corners = o3d.core.Tensor.from_numpy((vertices - centre).astype(np.float32))
-        scene.add_triangles(corners, o3d.core.Tensor.from_numpy(faces.astype(np.uint32)))
+    scene = scene_of_rays(*((vertices - centre, faces) for vertices, faces in meshes))
     seen = _seen(scene, points_m - centre, normals, size)
     return seen if seen.mean() > 1.0 - _MOST_BURIED else everything
 
@@ -220,7 +219,7 @@ def _twisted(faces: Indices) -> float:
     return 1.0 - len(np.unique(edges[:, 0] * (faces.max() + 1) + edges[:, 1])) / len(edges)
 
 
-def _seen(scene: o3d.t.geometry.RaycastingScene, points: Array, normals: Array, size: float) -> Flags:
+def _seen(scene: Any, points: Array, normals: Array, size: float) -> Flags:
     seen = np.zeros(len(points), bool)
     left = np.arange(len(points))
     for direction in _ways():

@@ -7,7 +7,6 @@ from itertools import permutations
 from typing import Any
 
 import numpy as np
-import open3d as o3d
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
@@ -15,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from toppling.models.arrays import Array, Flags, inside_box
 from toppling.models.errors import InputError, refusals
 from toppling.models.frames import shifted_and_turned
+from toppling.models.scan import o3d
 from toppling.models.scan.plausible import MINIMUM_POINTS
 from toppling.models.scan.read import Cloud
 

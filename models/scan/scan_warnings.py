@@ -7,7 +7,6 @@ speaks against a free block is one warning with what was seen, and a question to
 from __future__ import annotations
 
 import numpy as np
-import open3d as o3d
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
@@ -15,6 +14,7 @@ from toppling.models.arrays import Array, Flags, at_most
 from toppling.models.errors import InputError
 from toppling.models.frames import horizontal_unit_vector, slope_of_normal
 from toppling.models.rock import Rock
+from toppling.models.scan import o3d
 from toppling.models.scan.candidates import level_planes, neighbourhood
 from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.directions import (
@@ -29,7 +29,7 @@ from toppling.models.scan.directions import (
 from toppling.models.scan.interface import Interface, fit_interface, fitted_plane
 from toppling.models.scan.interface_hint import OFF_PER_HEIGHT
 from toppling.models.scan.segment import ROCK
-from toppling.models.scan.surfels import LEVEL, Surfels
+from toppling.models.scan.surfels import LEVEL, Surfels, scene_of_rays
 from toppling.models.scan.uncertainty import ObservedRock, outside_support_m
 
 _MOST_INVENTED = 0.6
@@ -266,11 +266,7 @@ def tilted_frame(surfels: Surfels, rock: Flags) -> ScanWarning | None:
 
 def _off_surface(rock: Rock, seen_m: Array, height_m: float) -> ScanWarning | None:
     """A warning where the rock's points lie off the surface that was closed about them."""
-    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-    scene.add_triangles(
-        o3d.core.Tensor.from_numpy(rock.vertices_m.astype(np.float32)),
-        o3d.core.Tensor.from_numpy(rock.faces.astype(np.uint32)),
-    )
+    scene = scene_of_rays((rock.vertices_m, rock.faces))
     off = scene.compute_distance(o3d.core.Tensor.from_numpy(seen_m.astype(np.float32)), nthreads=1).numpy()
     off_m = float(np.median(off))
     if off_m < _OFF_SURFACE * height_m:

@@ -2,13 +2,14 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-import open3d as o3d
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from toppling.models.arrays import Array, Flags, Indices, at_most, bounds_of, inside_box, numbered
+from toppling.models.scan import o3d
 
 _NEIGHBOURS = 16
 """Patches that a local plane is fitted to: two rings around one."""
@@ -98,6 +99,15 @@ def roughness(points_m: Array) -> Array:
     return _local_planes(points_m)[1]
 
 
+def scene_of_rays(*meshes: tuple[Array, Indices]) -> Any:
+    """Open3D's scene of meshes, vertices and triangles each, in which to cast rays and find nearest places."""
+    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
+    for vertices_m, faces in meshes:
+        corners = o3d.core.Tensor.from_numpy(vertices_m.astype(np.float32))
+        scene.add_triangles(corners, o3d.core.Tensor.from_numpy(faces.astype(np.uint32)))
+    return scene
+
+
 def _local_planes(points_m: Array) -> tuple[Array, Array]:
     """Normals, either way, of planes through the neighbourhoods, and how thick these are over their width."""
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points_m))
@@ -113,12 +123,11 @@ class _Rays:
 
     points_m: Array
     voxel_m: float
-    scene: o3d.t.geometry.RaycastingScene
+    scene: Any  # of rays, Open3D's
 
     @classmethod
     def over(cls, points_m: Array, normals: Array, voxel_m: float) -> "_Rays":
         """Rays among patches as wide as a voxel."""
-        scene = o3d.t.geometry.RaycastingScene(nthreads=1)
         side = np.cross(normals, np.where(np.abs(normals[:, 2:]) < 0.7, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]]))
         side *= 0.8 * voxel_m / np.linalg.norm(side, axis=1, keepdims=True)
         up = np.cross(normals, side)
@@ -126,15 +135,9 @@ class _Rays:
         first = 4 * np.arange(len(points_m))[:, None]
         # The triangles of patch k are number k and k + n.
         faces = np.concatenate([first + np.array([0, 1, 2]), first + np.array([0, 2, 3])])
-        scene.add_triangles(
-            o3d.core.Tensor.from_numpy(corners.reshape(-1, 3).astype(np.float32)),
-            o3d.core.Tensor.from_numpy(faces.astype(np.uint32)),
-        )
-        return cls(points_m, voxel_m, scene)
+        return cls(points_m, voxel_m, scene_of_rays((corners.reshape(-1, 3), faces)))
 
-    def _from(
-        self, patches: Indices, out: Array, lowest: float
-    ) -> Iterator[tuple[NDArray[np.float32], o3d.core.Tensor]]:
+    def _from(self, patches: Indices, out: Array, lowest: float) -> Iterator[tuple[NDArray[np.float32], Any]]:
         """Directions (3,) whose upward part is at least so much, and rays (n, 6) from beside patches that way."""
         start = (self.points_m[patches] + 1.5 * self.voxel_m * out).astype(np.float32)
         number = np.arange(_ESCAPE_DIRECTIONS)

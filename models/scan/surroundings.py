@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import open3d as o3d
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
@@ -14,8 +13,9 @@ from scipy.spatial.transform import Rotation
 
 from toppling.models.arrays import Array, Flags, Indices
 from toppling.models.frames import compass_deg
+from toppling.models.scan import o3d
 from toppling.models.scan.interface import Interface
-from toppling.models.scan.surfels import Surfels, in_plants
+from toppling.models.scan.surfels import Surfels, in_plants, scene_of_rays
 from toppling.models.shapes import joined_parts
 
 CELL_PER_HEIGHT = 0.03
@@ -156,11 +156,7 @@ def mesh_surroundings(
 
 def _nearest(vertices_m: Array, faces: Indices, points_m: Array) -> tuple[Array, float]:
     """Place of a mesh that is nearest to points, and its distance."""
-    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-    scene.add_triangles(
-        o3d.core.Tensor.from_numpy(vertices_m.astype(np.float32)),
-        o3d.core.Tensor.from_numpy(faces.astype(np.uint32)),
-    )
+    scene = scene_of_rays((vertices_m, faces))
     found = scene.compute_closest_points(o3d.core.Tensor.from_numpy(points_m.astype(np.float32)), nthreads=1)
     places = found["points"].numpy().astype(float)
     distance = np.linalg.norm(places - points_m, axis=1)

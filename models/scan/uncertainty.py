@@ -86,7 +86,6 @@ def invention_warning(scene: Scene) -> str | None:
     return f"warning: {'; '.join(sentences)}" if sentences else None
 
 
-AZIMUTHS_DEG = np.arange(0.0, 360.0, 10.0)
 _SUPPORT_PER_HEIGHT = 0.02
 """Distance from the interface within which the rock could touch it."""
 _BELOW_PER_HEIGHT, _BELOW_SHARE = 0.03, 0.002
@@ -164,8 +163,8 @@ def slenderness(scene: Scene) -> list[dict[str, float]]:
     the other way: for a flat sharp base the angle between the vertical and the line from the centre of mass to the
     edge about which it tips.
     """
-    table = scene.tips_m_s2((AZIMUTHS_DEG + 180.0) % 360.0)
-    return [
-        {"azimuth_deg": float(azimuth), "alpha_deg": float(np.rad2deg(np.arctan(value / scene.gravity_m_s2)))}
-        for azimuth, (_, value) in zip(AZIMUTHS_DEG, table, strict=True)
-    ]
+    alpha_deg = {
+        (azimuth + 180.0) % 360.0: float(np.rad2deg(np.arctan(tips / scene.gravity_m_s2)))
+        for azimuth, tips, _ in scene.stated
+    }
+    return [{"azimuth_deg": azimuth, "alpha_deg": alpha_deg[azimuth]} for azimuth in sorted(alpha_deg)]

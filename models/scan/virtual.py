@@ -4,17 +4,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-import open3d as o3d
 from numpy.typing import NDArray
 
 from toppling.models.arrays import Array, Indices
 from toppling.models.frames import horizontal_unit_vector, plane_normal, rotation_between
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
+from toppling.models.scan import o3d
 from toppling.models.scan.crevice import grid_triangles
 from toppling.models.scan.meshes import Mesh
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK
+from toppling.models.scan.surfels import scene_of_rays
 
 
 def lathe(radius_m: Array, height_m: Array, centre_m: Array, sides: int) -> Mesh:
@@ -224,21 +225,15 @@ def scan_from(
 
 def _cast(bodies: Sequence[Body], position_m: Array, rays: Array) -> tuple[Array, NDArray[np.int8]]:
     """First ranges (infinite where nothing is hit) and the labels of what was hit."""
-    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-    label_of = {}
-    for body in bodies:  # relative to the station: the ray caster computes in single precision
-        number = scene.add_triangles(
-            o3d.core.Tensor.from_numpy((body.vertices_m - position_m).astype(np.float32)),
-            o3d.core.Tensor.from_numpy(body.faces.astype(np.uint32)),
-        )
-        label_of[number] = body.label
+    # Relative to the station: the ray caster computes in single precision.
+    scene = scene_of_rays(*((body.vertices_m - position_m, body.faces) for body in bodies))
     starts_and_rays = np.concatenate([np.zeros_like(rays), rays], axis=-1).astype(np.float32)
     hit = scene.cast_rays(o3d.core.Tensor.from_numpy(starts_and_rays), nthreads=1)
     ranges = hit["t_hit"].numpy().astype(float)
     numbers = hit["geometry_ids"].numpy()
     label = np.full(ranges.shape, NEITHER, np.int8)
-    for number, value in label_of.items():
-        label[numbers == number] = value
+    for number, body in enumerate(bodies):
+        label[numbers == number] = body.label
     return ranges, label
 
 

@@ -19,6 +19,7 @@ from matplotlib.projections.polar import PolarAxes
 from numpy.typing import NDArray
 
 from toppling.models.arrays import Array
+from toppling.models.caching import cached
 from toppling.models.errors import InputError
 from toppling.models.frames import compass_deg
 from toppling.models.pedestal import Pedestal
@@ -70,6 +71,7 @@ def smooth_surface(vertices_m: Array, faces: NDArray[np.int64], colour: str) -> 
     )
 
 
+@cached
 def surfaces_of(scene: Scene) -> tuple[Surface, Surface]:
     """Surfaces of the rock and the pedestal of a scene."""
     return (
@@ -128,6 +130,8 @@ def hidden(points: Array, corners: Array, tolerance_m: float) -> NDArray[np.bool
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     area = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
     facing = np.abs(area) > 1e-14
+    facing &= (corners.max(axis=1) >= points.min(axis=0))[:, :2].all(axis=1)
+    facing &= (corners.min(axis=1) <= points.max(axis=0))[:, :2].all(axis=1)
     a, b, c, area = a[facing], b[facing], c[facing], area[facing]
     behind = np.zeros(len(points), bool)
     for number, (x, y, depth) in enumerate(points):
@@ -196,7 +200,7 @@ def draw_view(axes: Axes, scene: Scene, elevation_deg: float, azimuth_deg: float
     if not scene.pedestal.is_plane or toward @ scene.pedestal.normal > 0:
         surfaces.append(pedestal)
     corner, colour, of_rock = painted(surfaces, frame, scene.pedestal)
-    axes.add_collection(_triangles(corner, colour))
+    axes.add_collection(_triangles(corner, colour), autolim=False)
     before_lines = corner[of_rock] if scene.pedestal.is_plane else corner
     for line, dashes, of_line in _interface_lines(scene):
         _draw_line(axes, line @ frame, before_lines, _ON_SURFACE * scene.rock.height_m, dashes, of_line)
@@ -274,7 +278,7 @@ def _interface_lines(scene: Scene) -> list[tuple[Array, str, str]]:
 def _draw_plan(axes: Axes, scene: Scene) -> None:
     """Draw the plan: outline of the rock, contact outline, cliff edge, centre of mass, north."""
     projected = scene.rock.vertices_m[scene.rock.faces]
-    axes.add_collection(_triangles(projected[_faces_eye(projected)], _SHADOW_COLOUR))
+    axes.add_collection(_triangles(projected[_faces_eye(projected)], _SHADOW_COLOUR), autolim=False)
     for line, dashes, colour in _interface_lines(scene):
         axes.plot(line[:, 0], line[:, 1], dashes, color=colour, lw=1.3)
     axes.plot(*scene.rock.com_m[:2], "k+", markersize=8, mew=1.3)
@@ -366,14 +370,10 @@ def _beyond_frame(value: Array) -> list[str]:
     return [f"beyond the frame: more than {reach:.3g} m/s²"] if (value > reach).any() else []
 
 
-def _statics_of(scene: Scene) -> tuple[Array, Array, Array]:
+def _statics_of(scene: Scene) -> Array:
     """Azimuths (closed) of the ground's acceleration, and the values (m/s²) at which the rock tips and slides."""
-    table = scene.to_json()["quasi_static_toppling_m_s2"]
-    rows = [*table, {**table[0], "azimuth_deg": 360.0}]
-    azimuth, tips, slides = (
-        np.array([row[name] for row in rows], float) for name in ("azimuth_deg", "value", "slides_m_s2")
-    )
-    return azimuth, tips, slides
+    rows = np.array([*scene.stated, (360.0, *scene.stated[0][1:])]).T
+    return np.where(np.isfinite(rows), rows, np.nan)
 
 
 def numbers_of(scene: Scene, notes: Sequence[str] = ()) -> list[str]:

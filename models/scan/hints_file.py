@@ -90,17 +90,17 @@ _unusable = refusals(
 def read_hints(path: Path) -> dict[str, Any]:
     """Values by option, as the file has them.
 
-    Raises
-    ------
-    InputError
-        If the file is absent, large, no TOML, or has another key.
+    Raises InputError if the file is absent, large, no TOML, or has another key or form.
     """
     hints = read_toml(path, _unusable)
     for key in hints:
         if key not in KEYS:
-            raise _unusable(
-                "hint.unknown", f"'{key}' is no hint; {did_you_mean(key, KEYS, 'see the list')}", path
-            )
+            meant = did_you_mean(key, KEYS, "see the list")
+            raise _unusable("hint.unknown", f"'{key}' is no hint; {meant}", path)
+        try:
+            plain(key, hints[key])
+        except (TypeError, ValueError, LookupError):
+            raise _unusable("hint.value_unusable", f"'{key}' has a value of another form", path) from None
     return hints
 
 

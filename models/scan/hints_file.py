@@ -100,7 +100,7 @@ def read_hints(path: Path) -> dict[str, Any]:
         try:
             plain(key, hints[key])
         except (TypeError, ValueError, LookupError):
-            raise _unusable("hint.value_unusable", f"'{key}' has a value of another form", path) from None
+            raise _unusable("hint.form_unknown", f"'{key}' has a value of another form", path) from None
     return hints
 
 

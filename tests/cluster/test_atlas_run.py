@@ -74,11 +74,10 @@ def test_rows_of_an_atlas_are_those_of_each_rock_alone_and_a_falling_rock_holds_
     assert (again.done, again.before) == (0, 3 * 18)
 
 
-def test_a_file_of_another_atlas_is_refused_by_name(atlas, tmp_path):
-    scenes = shutil.copytree(atlas, tmp_path / "atlas") / "scenes"
-    (scenes / "wide" / "scene" / "scene.json").write_bytes(
-        (scenes / "narrow" / "scene" / "scene.json").read_bytes()
-    )
+def test_a_file_of_another_atlas_is_refused_by_name(folder, tmp_path):
+    prepare(tmp_path / "atlas", plan_of(Campaign.read(folder / "atlas.toml")), dict(versions()))
+    scenes = tmp_path / "atlas" / "scenes"
+    shutil.copyfile(scenes / "narrow" / "scene" / "scene.json", scenes / "wide" / "scene" / "scene.json")
     with refused("run.file_foreign", "scenes/wide/scene/scene.json"):
         open_run(tmp_path / "atlas")
 

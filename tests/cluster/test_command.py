@@ -40,36 +40,20 @@ def parts(run):
     return list((run / "parts").glob("part-*.parquet"))
 
 
-def ctrl_c_six_times(process):
-    for _ in range(6):
-        os.killpg(process.pid, signal.SIGINT)
-        time.sleep(0.15)
-
-
-def stopped(inputs, run, stop):
+@pytest.mark.thorough
+def test_ctrl_c_six_times_keeps_the_rows_and_says_how_to_go_on(inputs, planned, tmp_path, faults):
+    faults.set(every=0.4)
+    run = tmp_path / "run"
     # A session of its own, so that the signal reaches workers and client together, as from a terminal.
     process = subprocess.Popen(
         command(inputs, run, "--workers", "2"), start_new_session=True, stderr=subprocess.PIPE, text=True
     )
     wait_until(lambda: parts(run))
-    stop(process)
+    for _ in range(6):
+        os.killpg(process.pid, signal.SIGINT)
+        time.sleep(0.15)
     _, told = process.communicate(timeout=60)
-    return process.returncode, told
-
-
-@pytest.mark.parametrize(
-    "stop",
-    [
-        pytest.param(ctrl_c_six_times, marks=pytest.mark.thorough),
-        pytest.param(lambda process: process.terminate(), marks=pytest.mark.slow),  # a batch system's warning
-    ],
-    ids=["Ctrl-C, six times", "SIGTERM"],
-)
-def test_stopping_it_keeps_the_rows_and_says_how_to_go_on(inputs, planned, tmp_path, faults, stop):
-    faults.set(every=0.4)
-    run = tmp_path / "run"
-    code, told = stopped(inputs, run, stop)
-    assert code == 130
+    assert process.returncode == 130
     to_go_on = f"To go on: toppling run {inputs / 'campaign.toml'} --out {run} --workers 2"
     assert told.splitlines()[-1] == f"stopped; the rows so far are kept. {to_go_on}"
     assert "Traceback" not in told

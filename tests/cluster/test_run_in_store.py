@@ -53,7 +53,7 @@ def test_a_run_in_a_store_has_one_writer_and_goes_on_elsewhere_once_that_is_kill
     bucket, machine, inputs, undisturbed, faults, tmp_path
 ):
     command = ["run", inputs / "campaign.toml", "--out", ADDRESS, "--workers", "2", "--no-estimate"]
-    faults.set(every=5.0)
+    faults.set(every=2.0)
     first = subprocess.Popen(
         [*TOPPLING, *map(str, command)], env=machine("first"),
         stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,

@@ -16,10 +16,16 @@ from toppling.models.hidden_base.unseen_base import BaseDraw, UnseenBase
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
+from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cli import cli
+from toppling.orchestrator.plan import plan_of
 from toppling.orchestrator.recorded import SHAKES
+from toppling.orchestrator.run_folder import prepare
+from toppling.orchestrator.task import versions
 from toppling.results.reader import open_run
+from toppling.results.store import write_part
 from toppling.results.weights import WEIGHTS_FILE
+from toppling.workers.job import Assets, run_job
 
 CAMPAIGN = """\
 scene = "scene"
@@ -66,8 +72,14 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def plain(folder, client):
-    return run(folder / "plain.toml", folder / "run", cluster=client).path
+def plain(folder):
+    """A run whose jobs this process has done."""
+    planned = plan_of(Campaign.read(folder / "plain.toml"))
+    prepare(folder / "run", planned, dict(versions()))
+    assets = Assets(Scene.load(folder / "scene"), Ensemble.load(folder / "ensemble"))
+    rows = [run_job(planned.spec(job), assets) | {"attempt": 1} for job in range(len(planned))]
+    write_part(folder / "run", rows)
+    return folder / "run"
 
 
 @pytest.mark.thorough

@@ -7,12 +7,10 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from cloud_samples import las
 from refusals import refused
 
 from toppling.models.files import guarded
@@ -20,7 +18,6 @@ from toppling.models.files.guarded import read_guarded
 from toppling.models.files.mesh_files import read_triangles
 from toppling.models.motions.formats import response, seismic
 from toppling.models.motions.formats.reading import read_file
-from toppling.models.scan.read import read_clouds
 from toppling.models.scene import Scene
 from toppling.orchestrator.cli import cli
 
@@ -96,67 +93,6 @@ def test_one_process_is_kept_and_replaced_when_it_is_gone(reads):
     time.sleep(0.2)
     reads("good")
     assert process() != first
-
-
-POINTS_M = np.random.default_rng(0).uniform(0.0, 5.0, (3000, 3)).round(4)
-
-
-def ply(end: str = "\n", remark: str = "", count: int = len(POINTS_M), first: str = "") -> bytes:
-    head = ["ply", "format ascii 1.0", f"comment {remark}", f"element vertex {count}"]
-    head += [*(f"property double {axis}" for axis in "xyz"), "end_header"]
-    rows = [" ".join(map(repr, map(float, point))) for point in POINTS_M]
-    return (end.join([*head, first + rows[0], *rows[1:]]) + end).encode()
-
-
-@pytest.mark.parametrize(
-    "content",
-    [ply(), ply("\r\n"), ply("\r"), ply(remark="y" * 5000)],
-    ids=["LF", "CRLF", "CR", "a header line of 5,000 characters"],
-)
-def test_ply_is_read_with_any_line_ends_and_lines_of_any_length(tmp_path, content):
-    (tmp_path / "cloud.ply").write_bytes(content)
-    cloud = read_clouds([tmp_path / "cloud.ply"])
-    np.testing.assert_allclose(cloud.points_m + cloud.origin_m, POINTS_M, atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("content", "code", "named"),
-    [
-        (ply(first="1" * 5000 + " "), "file.unreadable", ""),
-        (ply(first="1.0 " * 1500), "file.unreadable", ""),
-        (ply(count=10**15), "file.truncated", 10**15),
-        (ply(count=4000), "file.truncated", 4000),
-        (ply(count=10**19), "ply.header_unreadable", "line 4"),
-        (ply()[:-20000], "file.truncated", 3000),
-    ],
-)
-def test_a_ply_that_does_not_hold_what_it_declares_is_refused(tmp_path, content, code, named):
-    (tmp_path / "cloud.ply").write_bytes(content)
-    with refused(code, named):
-        read_clouds([tmp_path / "cloud.ply"])
-
-
-@pytest.mark.parametrize(("at", "version"), [(107, "1.2"), (100, "1.2"), (100, "1.4"), (243, "1.4")])
-def test_points_and_records_that_a_las_cannot_hold_are_not_made_room_for(tmp_path, at, version):
-    path = las(tmp_path / "cloud.laz", POINTS_M, version=version)
-    bad = bytearray(path.read_bytes())
-    bad[at : at + 4] = (2**32 - 1).to_bytes(4, "little")
-    path.write_bytes(bad)
-    with refused("file.truncated", 4294967295):
-        read_clouds([path])
-
-
-@pytest.mark.parametrize("data", ["ascii", "binary"])
-def test_a_pcd_that_lacks_points_is_refused_and_not_filled(tmp_path, data):
-    import open3d as o3d
-
-    path: Path = tmp_path / "cloud.pcd"
-    o3d.t.io.write_point_cloud(path, o3d.t.geometry.PointCloud(POINTS_M), write_ascii=data == "ascii")
-    sound = path.read_bytes()
-    assert len(read_clouds([path]).points_m) == len(POINTS_M)
-    path.write_bytes(sound[: len(sound) * 2 // 3])
-    with refused("file.truncated"):
-        read_clouds([path])
 
 
 class Trap:

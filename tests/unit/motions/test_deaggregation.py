@@ -18,11 +18,14 @@ EDGES = "mag_bin_edges=[5.0, 6.0, 7.0], dist_bin_edges=[0.0, 10.0, 20.0]"
 
 
 def openquake(
-    tmp_path, rows, head=f"investigation_time=50.0, {EDGES}, weights=[0.4, 0.6]", columns="mag,dist,rlz1,rlz0"
+    rows, head=f"investigation_time=50.0, {EDGES}, weights=[0.4, 0.6]", columns="mag,dist,rlz1,rlz0"
 ):
-    path = tmp_path / "Mag_Dist-0.csv"
-    path.write_text("\n".join([f'#,,,,,"{head}"', f"imt,iml,poe,{columns}", *rows]))
-    return path
+    return "\n".join([f'#,,,,,"{head}"', f"imt,iml,poe,{columns}", *rows])
+
+
+def written(folder, text):
+    (folder / "Mag_Dist-0.csv").write_text(text)
+    return folder / "Mag_Dist-0.csv"
 
 
 def nshmp(folder):
@@ -47,7 +50,7 @@ def test_openquakes_bins_combine_to_the_probability_they_are_of(tmp_path, column
         for iml, poe in (("0.3", 0.1), ("0.2", 0.2))
         for place, p in (("5.5,5.0", 0.4), ("5.5,15.0", 0.5), ("6.5,15.0", 0.2))
     ]
-    read = read_deaggregation(openquake(tmp_path, rows, columns=f"mag,dist,{columns}"), poe=0.1)
+    read = read_deaggregation(written(tmp_path, openquake(rows, columns=f"mag,dist,{columns}")), poe=0.1)
     total = -math.expm1(-math.fsum(one.contribution for one in read.bins))
     assert total == pytest.approx(1.0 - 0.96 * 0.95 * 0.98)
     assert read.bins[0].magnitude == (5.0, 6.0)
@@ -59,7 +62,7 @@ def test_openquakes_bins_combine_to_the_probability_they_are_of(tmp_path, column
 def test_region_and_epsilon_are_summed_over(tmp_path, by):
     """Two parts of 10 % and 20 % are 28 %, as of independent events."""
     rows = [f"PGA,0.2,0.1,{part},5.5,5.0,{p}" for part, p in (("-1.0", 0.1), ("1.0", 0.2))]
-    (one,) = read_deaggregation(openquake(tmp_path, rows, columns=f"{by},mag,dist,mean")).bins
+    (one,) = read_deaggregation(written(tmp_path, openquake(rows, columns=f"{by},mag,dist,mean"))).bins
     assert one.contribution == pytest.approx(-math.log1p(-0.28))
 
 
@@ -84,24 +87,6 @@ def test_widths_of_nshmps_bins_are_those_that_a_file_of_the_calculation_states(t
 
 
 @pytest.mark.parametrize(
-    ("rows", "head", "code", "named"),
-    [
-        (["PGA,0.2,0.1,5.5,5.0,1.2,0.0"], None, "deaggregation.value_unreadable", "'1.2'"),
-        (["PGA,0.2,0.1,8.5,5.0,0.1,0.0"], None, "deaggregation.place_off_bins", 8.5),
-        (["PGA,0.2,0.1,5.5,5.0,0.1"], None, "table.row_wrong_length", "7 columns but 6"),
-        (["PGA,0.2,0.1,5.5,5.0,0.1,0.0", '"' + "9" * 200_000], None, "table.unreadable", "csv:4"),
-        (["PGA,0.2,0.1,5.5,5.0,0.1,0.0"], f"{EDGES}, weights=[0.4, 0.5]", "deaggregation.weights_unusable", 0.9),
-        (["PGA,0.2,0.1,5.5,5.0,0.1,0.0"], "weights=[0.4, 0.6]", "deaggregation.edges_missing", ""),
-        ([], None, "deaggregation.probability_not_there", ""),
-    ],
-)  # fmt: skip
-def test_a_damaged_deaggregation_is_refused_by_name(tmp_path, rows, head, code, named):
-    path = openquake(tmp_path, rows, head) if head else openquake(tmp_path, rows)
-    with refused(code, named):
-        read_deaggregation(path)
-
-
-@pytest.mark.parametrize(
     "text",
     [
         "magnitude_low,magnitude_high,distance_low_km,distance_high_km,contribution\n5,6,0,10,30\n6,7,10,20,70\n",
@@ -111,9 +96,7 @@ def test_a_damaged_deaggregation_is_refused_by_name(tmp_path, rows, head, code, 
     ],
 )
 def test_a_persons_bins_may_be_edges_or_centres_and_are_the_same(tmp_path, text):
-    path = tmp_path / "table.csv"
-    path.write_text(text)
-    one, two = read_deaggregation(path).bins
+    one, two = read_deaggregation(written(tmp_path, text)).bins
     assert (one.magnitude, one.distance_km, one.contribution) == ((5.0, 6.0), (0.0, 10.0), 30.0)
     assert (two.magnitude, two.distance_km, two.contribution) == ((6.0, 7.0), (10.0, 20.0), 70.0)
 
@@ -130,26 +113,35 @@ def test_rounded_centres_of_equal_bins_are_read_and_others_refused(tmp_path_fact
         read_deaggregation(path)
 
 
+BIN = "PGA,0.2,0.1,5.5,5.0,0.1,0.0"
+
+
 @pytest.mark.parametrize(
-    ("text", "code"),
+    ("code", "named", "text"),
     [
-        ("magnitude,distance_km,contribution\n5.5,5,-1\n6.5,15,2\n", "bin_unreadable"),
-        ("magnitude,distance_km,contribution\n5.5,,1\n6.5,15,2\n", "bin_unreadable"),
-        ("magnitude,distance (m),contribution\n5.5,5000,1\n6.5,15000,2\n", "distance_not_km"),
-        ("M,Rrup [mi],share\n5.5,5,1\n6.5,15,2\n", "distance_not_km"),
-        ("M,R,%\n5.5,5,1\n5.5,15,1\n6.5,50,2\n", "bins_uneven"),
-        ('M,R,%\n5.5,5,"0,5"\n6.5,15,"1,5"\n', "bin_unreadable"),
-        ("magnitude,distance_km,contribution\n5.5,5,1\n", "bin_width_unknown"),
-        ("magnitude,site,contribution\n5.5,5,1\n", "bin_unreadable"),
-        ("magnitude,distance_km,contribution\n", "no_bin"),
-        ("", "no_bin"),
+        ("deaggregation.value_unreadable", "'1.2'", openquake(["PGA,0.2,0.1,5.5,5.0,1.2,0.0"])),
+        ("deaggregation.place_off_bins", 8.5, openquake(["PGA,0.2,0.1,8.5,5.0,0.1,0.0"])),
+        ("table.row_wrong_length", "7 columns but 6", openquake(["PGA,0.2,0.1,5.5,5.0,0.1"])),
+        ("table.unreadable", "csv:4", openquake([BIN, '"' + "9" * 200_000])),
+        ("deaggregation.weights_unusable", 0.9, openquake([BIN], f"{EDGES}, weights=[0.4, 0.5]")),
+        ("deaggregation.edges_missing", "", openquake([BIN], "weights=[0.4, 0.6]")),
+        ("deaggregation.probability_not_there", "", openquake([])),
+        *((f"deaggregation.{code}", "", text) for code, text in (
+            ("bin_unreadable", "magnitude,distance_km,contribution\n5.5,5,-1\n6.5,15,2\n"),
+            ("bin_unreadable", "magnitude,distance_km,contribution\n5.5,,1\n6.5,15,2\n"),
+            ("distance_not_km", "magnitude,distance (m),contribution\n5.5,5000,1\n6.5,15000,2\n"),
+            ("distance_not_km", "M,Rrup [mi],share\n5.5,5,1\n6.5,15,2\n"),
+            ("bins_uneven", "M,R,%\n5.5,5,1\n5.5,15,1\n6.5,50,2\n"),
+            ("bin_unreadable", 'M,R,%\n5.5,5,"0,5"\n6.5,15,"1,5"\n'),
+            ("bin_width_unknown", "magnitude,distance_km,contribution\n5.5,5,1\n"),
+            ("bin_unreadable", "magnitude,site,contribution\n5.5,5,1\n"),
+            ("no_bin", "magnitude,distance_km,contribution\n"), ("no_bin", ""),
+        )),
     ],
-)
-def test_what_is_no_bin_of_a_persons_table_is_refused(tmp_path, text, code):
-    path = tmp_path / "table.csv"
-    path.write_text(text)
-    with refused(f"deaggregation.{code}", path):
-        read_deaggregation(path)
+)  # fmt: skip
+def test_what_is_no_whole_deaggregation_is_refused_by_name(tmp_path, code, named, text):
+    with refused(code, named, "Mag_Dist-0.csv"):
+        read_deaggregation(written(tmp_path, text))
 
 
 @pytest.fixture(scope="module")

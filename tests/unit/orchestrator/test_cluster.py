@@ -103,29 +103,24 @@ def test_batch_jobs_find_the_key_in_a_folder_of_the_user_alone(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def refusal_of_queue(code, interface, folder):
-    """The refusal, which says in one line what is wrong, of a batch system on a network interface."""
+def check_queue_refused(code, interface, folder, *named):
+    """Check that a batch system on a network interface is refused, in one line that says what is wrong."""
     pytest.importorskip("dask_jobqueue")
     settings = BATCH_JOB | {"jobqueue.slurm.interface": interface}
-    with dask.config.set(settings), refused(code) as caught, queue("slurm", 1, folder):
+    with dask.config.set(settings), refused(code, *named) as caught, queue("slurm", 1, folder):
         pass
     assert "\n" not in caught.value.what
-    return caught.value
 
 
 def test_an_interface_that_this_host_lacks_is_refused_with_the_names_of_those_that_it_has(tmp_path):
-    refusal = refusal_of_queue("cluster.queue_unconfigured", "ib17", tmp_path)
-    assert "ib17" in refusal.what
-    assert "'lo'" in refusal.what
-    assert "scheduler-options" in refusal.remedy
+    check_queue_refused("cluster.queue_unconfigured", "ib17", tmp_path, "ib17", "'lo'", "scheduler-options")
 
 
 def test_a_batch_system_that_takes_no_job_is_told_in_one_line(tmp_path, monkeypatch):
     (tmp_path / "sbatch").write_text("#!/bin/sh\necho no such partition >&2\nexit 1\n")
     (tmp_path / "sbatch").chmod(0o755)
     monkeypatch.setenv("PATH", str(tmp_path), prepend=":")
-    refusal = refusal_of_queue("cluster.job_not_submitted", "lo", tmp_path)
-    assert "no such partition" in refusal.what
+    check_queue_refused("cluster.job_not_submitted", "lo", tmp_path, "no such partition")
 
 
 def gateway_with(monkeypatch, *names):
@@ -146,9 +141,8 @@ def test_a_cluster_of_a_gateway_is_found_by_its_name_or_as_the_only_one(monkeypa
     with gateway("second") as client:
         assert client == "client of second"
     for name in ("third", ""):
-        with refused("cluster.gateway_name_unknown") as caught, gateway(name):
+        with refused("cluster.gateway_name_unknown", "first, second"), gateway(name):
             pass
-        assert "first, second" in caught.value.expected
     gateway_with(monkeypatch, "first")
     with gateway("") as client:
         assert client == "client of first"

@@ -57,6 +57,28 @@ def two_rows(text, rates=(1e-2, 1e-3)):
     return f"{text}\n0.1\t{rates[0]}\n0.2\t{rates[1]}\n"
 
 
+HERE = "<gml:Point><gml:pos>-118.1 34.2</gml:pos></gml:Point>"
+NRML = {
+    "0.5": (
+        '<nrml xmlns:gml="http://www.opengis.net/gml" xmlns="http://openquake.org/xmlns/nrml/0.5">'
+        '<hazardCurves {stat} investigationTime="50.0" IMT="{imt}"><IMLs>0.1 0.2</IMLs>'
+        f"<hazardCurve>{HERE}<poEs>{{high}} 0.048770575</poEs></hazardCurve>"
+        "<hazardCurve><gml:Point><gml:pos>10.0 45.0</gml:pos></gml:Point><poEs>0.5 0.4</poEs></hazardCurve>"
+        "</hazardCurves></nrml>"
+    ),
+    "0.3": (
+        '<nrml xmlns:gml="http://www.opengis.net/gml" xmlns="http://openquake.org/xmlns/nrml/0.3"><hazardResult>'
+        '<config><hazardProcessing investigationTimeSpan="50.0"/></config><hazardCurveField {stat}>'
+        f'<IML IMT="{{imt}}">0.1 0.2</IML><HCNode><site>{HERE}</site>'
+        "<hazardCurve><poE>{high} 0.048770575</poE></hazardCurve></HCNode></hazardCurveField></hazardResult></nrml>"
+    ),
+}
+
+
+def xml(version, stat='statistics="mean"', imt="PGA", high=POES[0], start=""):
+    return start + NRML[version].format(stat=stat, imt=imt, high=high)
+
+
 SAME = {
     "commas": "PGA (g),annual_rate\n0.1,0.01\n0.2,0.001\n",
     "tabs, the rate first, falling levels": "annual_rate\tPGA (g)\n0.001\t0.2\n0.01\t0.1\n",
@@ -74,14 +96,21 @@ SAME = {
     "OpenSHA's labels": two_rows(
         "Num Points: 2\nX-Axis Label: PGA (g)\nY-Axis Label: Probability of Exceedance in 50 years", POES
     ),
+    **{f"NRML {each}": xml(each) for each in NRML},
+    "NRML declared": xml("0.5", start='<?xml version="1.0" encoding="utf-8"?>\n'),
+    **{
+        f"the web service, new: {new}": json.dumps(service_answer(new, "Annual Frequency of Exceedence"))
+        for new in (False, True)
+    },
 }
 """One hazard curve as programs and people save it."""
 
 
 @pytest.mark.parametrize("text", SAME.values(), ids=SAME)
 def test_a_curve_is_the_same_however_it_was_saved(tmp_path, text):
-    for path in (written(tmp_path, text, "curve.txt"), tmp_path):
-        curve = read_curve(path)
+    name = {"{": "curve.json", "<": "curve.xml"}.get(str(text)[0], "curve.txt")
+    for path in (written(tmp_path, text, name), tmp_path):
+        curve = read_tree(path, "pga_m_s2", (-118.1, 34.2) if name == "curve.xml" else None).curves[0]
         assert curve.measure == "pga_m_s2"
         assert curve.intensity == pytest.approx([0.980665, 1.96133])
         assert curve.annual_rate == pytest.approx([1e-2, 1e-3])
@@ -403,13 +432,20 @@ REFUSED = [
     ("hazard.time_missing", json.dumps(service_answer(True, None))),
     ("hazard.not_rates", json.dumps(service_answer(False, "Probability of Exceedance"))),
     ("hazard.other_output", OQ + "event_id,gmv_PGA,custom_site_id\n1,.2,a\n"),
-]
+    *((code, xml("0.5", "").replace(old, new)) for code, old, new in (
+        ("hazard.time_missing", 'investigationTime="50.0"', ""), ("measure.unknown", 'IMT="PGA"', 'IMT="MMI"'),
+        ("hazard.row_unreadable", "0.5 0.4</poEs>", "0.5</poEs>"), ("hazard.unit_missing", "0.1 0.2", "98.1 196.2"),
+        ("hazard.unit_unknown", 'IMT="PGA"', 'IMT="PGA" unit="cm/s"'), ("document.unreadable", "</nrml>", ""),
+        ("document.has_entities", "<nrml", '<!DOCTYPE a [<!ENTITY b "c">]><nrml'),
+        ("hazard.no_curve", "hazardCurves", "hazardMap"),
+    )),
+]  # fmt: skip
 """Under 'PGA' alone 980 cm/s2 would be 980 g, a rock that nothing topples: such levels lack their unit."""
 
 
 @pytest.mark.parametrize(("code", "text"), REFUSED)
 def test_what_is_no_hazard_curve_or_does_not_state_what_it_is_of_is_refused(tmp_path, code, text):
-    path = written(tmp_path, text)
+    path = written(tmp_path, text, "curve.xml" if "nrml" in str(text) else "curve.csv")
     with refused(code):
         read_hazard(path)
     for years in (0.0, 50.0) if code == "hazard.values_unknown" else ():  # whatever the user says
@@ -444,82 +480,36 @@ def test_levels_of_motion_are_no_magnitudes(tmp_path):
 
 
 @pytest.mark.parametrize("new", [False, True])
-@pytest.mark.parametrize(("label", "years"), [("Annual Frequency of Exceedence", None), (None, 0.0)])
-def test_answers_of_the_web_service_old_and_new_are_one_tree_by_measure(tmp_path, new, label, years):
-    path = tmp_path / "answer.json"
-    path.write_text(json.dumps(service_answer(new, label)))
-    trees = read_hazard(path, hints=Hints(years=years))
+def test_answers_of_the_web_service_are_one_tree_by_measure_with_its_parts(tmp_path, new):
+    path = written(tmp_path, json.dumps(service_answer(new, None)), "answer.json")
+    trees = read_hazard(path, hints=Hints(years=0.0))
     assert [tree.measure for tree in trees] == ["pga_m_s2", "sa_0.2s_m_s2"]
-    for tree in trees:
-        assert tree.curves[0].intensity == pytest.approx([0.1 * G, 0.2 * G])
-        assert tree.curves[0].annual_rate == pytest.approx([1e-2, 1e-3])
-        assert tree.curves[0].site == (-118.1, 34.2)
-        assert [part.name for part in tree.parts] == ["source Fault"]
-
-
-NRML = {
-    "0.5": (
-        '<nrml xmlns:gml="http://www.opengis.net/gml" xmlns="http://openquake.org/xmlns/nrml/0.5">'
-        '<hazardCurves {stat} investigationTime="50.0" IMT="{imt}"><IMLs>0.1 0.2</IMLs>'
-        "<hazardCurve><gml:Point><gml:pos>-118.1 34.2</gml:pos></gml:Point><poEs>{high} 0.01</poEs></hazardCurve>"
-        "<hazardCurve><gml:Point><gml:pos>10.0 45.0</gml:pos></gml:Point><poEs>0.5 0.4</poEs></hazardCurve>"
-        "</hazardCurves></nrml>"
-    ),
-    "0.3": (
-        '<nrml xmlns:gml="http://www.opengis.net/gml" xmlns="http://openquake.org/xmlns/nrml/0.3"><hazardResult>'
-        '<config><hazardProcessing investigationTimeSpan="50.0"/></config><hazardCurveField {stat}>'
-        '<IML IMT="{imt}">0.1 0.2</IML><HCNode><site><gml:Point><gml:pos>-118.1 34.2</gml:pos></gml:Point></site>'
-        "<hazardCurve><poE>{high} 0.01</poE></hazardCurve></HCNode></hazardCurveField></hazardResult></nrml>"
-    ),
-}
+    assert [part.name for tree in trees for part in tree.parts] == ["source Fault"] * 2
 
 
 @pytest.mark.parametrize("version", NRML)
 @pytest.mark.parametrize(
     ("imt", "measure", "level"),
     [
-        ("PGA", "pga_m_s2", 0.1 * G), ("PGV", "pgv_m_s", 0.1), ('SA" saPeriod="1.0', "sa_1s_m_s2", 0.1 * G),
-        ('PGA" imlUnit="m/s2', "pga_m_s2", 0.1),
+        ("PGV", "pgv_m_s", 0.1),
+        ('SA" saPeriod="1.0', "sa_1s_m_s2", G),
+        ('PGA" imlUnit="m/s2', "pga_m_s2", 10.0),
     ],
-)  # fmt: skip
-def test_curves_in_openquakes_xml_are_those_in_its_csv(tmp_path, version, imt, measure, level):
-    path = tmp_path / "curves.xml"
-    text = NRML[version].format(stat='statistics="mean"', imt=imt, high=0.1)
-    if measure == "pgv_m_s":
-        text = text.replace("0.1 0.2", "10 20")  # cm/s
-    for declaration in ("", '<?xml version="1.0" encoding="utf-8"?>\n'):
-        path.write_text(declaration + text)
-        (tree,) = read_hazard(tmp_path, hints=Hints(site=(-118.1, 34.2)))
-        assert tree.measure == measure
-        assert tree.curves[0].intensity == pytest.approx([level, 2 * level])
-        assert tree.curves[0].annual_rate == pytest.approx(-np.log([0.9, 0.99]) / 50)
+)
+def test_openquakes_xml_says_its_measure_and_unit(tmp_path, version, imt, measure, level):
+    path = written(
+        tmp_path, xml(version, imt=imt).replace("0.1 0.2", "10 20" if level != G else "1 2"), "curves.xml"
+    )
+    (tree,) = read_hazard(path, hints=Hints(site=(-118.1, 34.2)))
+    assert tree.measure == measure
+    assert tree.curves[0].intensity == pytest.approx([level, 2 * level])
 
 
 def test_fractiles_in_openquakes_xml_belong_to_their_mean(tmp_path):
-    for name, stat, high in (
-        ("mean", 'statistics="mean"', 0.1),
-        ("q", 'statistics="quantile" quantileValue="0.95"', 0.2),
-    ):
-        (tmp_path / f"{name}.xml").write_text(NRML["0.3"].format(stat=stat, imt="PGA", high=high))
+    written(tmp_path, xml("0.3"), "mean.xml")
+    written(tmp_path, xml("0.3", 'statistics="quantile" quantileValue="0.95"', high=0.5), "q.xml")
     (tree,) = read_hazard(tmp_path)
-    assert tree.fractiles[0.95].annual_rate[0] == pytest.approx(-np.log(0.8) / 50)
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
-    [
-        ('investigationTime="50.0"', "", "hazard.time_missing"), ('IMT="PGA"', 'IMT="MMI"', "measure.unknown"),
-        ("0.1 0.01</poEs>", "0.1</poEs>", "hazard.row_unreadable"), ("0.1 0.2", "98.1 196.2", "hazard.unit_missing"),
-        ('IMT="PGA"', 'IMT="PGA" unit="cm/s"', "hazard.unit_unknown"), ("</nrml>", "", "document.unreadable"),
-        ("<nrml", '<!DOCTYPE a [<!ENTITY b "c">]><nrml', "document.has_entities"),
-        ("hazardCurves", "hazardMap", "hazard.no_curve"),
-    ],
-)  # fmt: skip
-def test_xml_that_is_no_whole_hazard_curve_is_refused_by_its_cause(tmp_path, old, new, said):
-    path = tmp_path / "curves.xml"
-    path.write_text(NRML["0.5"].format(stat="", imt="PGA", high=0.1).replace(old, new))
-    with refused(said):
-        read_hazard(path, hints=Hints(site=(-118.1, 34.2)))
+    assert tree.fractiles[0.95].annual_rate[0] == pytest.approx(-np.log(0.5) / 50)
 
 
 @pytest.mark.parametrize("asked", [None, "pga_m_s2"])

@@ -88,7 +88,7 @@ def main() -> None:
         f'sites = "sites.csv"\nensemble = "quakes"\npga_m_s2 = {list(LEVELS_M_S2)}\nazimuth_deg = [0]\n'
         f'friction = [0.8]\npreset = "{given.preset}"\naudit = 0\n'
     )
-    words = ("--out", out / "run", "--workers", given.workers, "--no-estimate", "--json")
+    words = ("--out", out / "run", "--workers", given.workers, "--json")
     done = called("run", out / "campaign.toml", *words)
     if done.returncode not in (0, 3):
         raise SystemExit(done.stderr)

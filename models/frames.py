@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
+from toppling.models.files.given import LONGEST_NAME
 
 STANDARD_GRAVITY_M_S2 = 9.81
 """Default gravity of a scene, m/s²."""
@@ -152,8 +153,6 @@ _PARTS = re.compile(
     re.IGNORECASE,
 )
 _LETTERS = {"longitude": "EW", "latitude": "NS"}
-_LONGEST = 40
-"""Maximum number of characters of a coordinate that are parsed."""
 
 
 def degrees_of(text: str, axis: str) -> float | None:
@@ -168,7 +167,7 @@ def degrees_of(text: str, axis: str) -> float | None:
     >>> [degrees_of(text, "longitude") for text in ("-118.92", "118.92 W", "118°55'12\\"W", "34.08N", "11855")]
     [-118.92, -118.92, -118.92, None, None]
     """
-    match = _PARTS.fullmatch(text.strip()[:_LONGEST])
+    match = _PARTS.fullmatch(" ".join(text.split())[:LONGEST_NAME])
     if match is None:
         return None
     letter = (match["before"] or match["after"]).upper()

@@ -4,6 +4,7 @@ import re
 from collections.abc import Iterable
 
 from toppling.models.errors import InputError
+from toppling.models.files.given import LONGEST_NAME
 
 US_FOOT_M = 1200.0 / 3937.0
 """US survey foot, m (exact definition)."""
@@ -32,8 +33,6 @@ _STATED = re.compile(
 _SYSTEM = re.compile(
     r"\bEPSG\s*:+\s*\d{4,6}|\b(?:PROJ|GEOG|COMP|GEOC|LOCAL_|BOUND|ENG)[A-Z_]*C[RS]S?\s*[\[(]"
 )
-_LONGEST = 200
-"""Number of characters of a remark that are searched."""
 _ROCK_M = (0.1, 30.0)
 """Range of heights of known precarious rocks, m; outside it a more plausible unit is suggested."""
 _LARGEST_M3 = 5000.0
@@ -50,14 +49,14 @@ def other_unit_in(remarks: Iterable[str]) -> str:
     >>> other_unit_in(["made in Germany", "Units: US Survey Feet"]), other_unit_in(["units: metres"])
     ('Units: US Survey Feet', '')
     """
-    return next((remark.strip()[:80] for remark in remarks if _STATED.match(remark[:_LONGEST])), "")
+    return next((remark.strip()[:80] for remark in remarks if _STATED.match(remark[:LONGEST_NAME])), "")
 
 
 def check_remarks(remarks: Iterable[str], where: str) -> None:
     """Raise InputError, with the option to use, if remarks state a unit other than metres or a coordinate system."""
     texts = list(remarks)
     unit = other_unit_in(texts)
-    system = next((remark.strip()[:80] for remark in texts if _SYSTEM.search(remark[:_LONGEST])), "")
+    system = next((remark.strip()[:80] for remark in texts if _SYSTEM.search(remark[:LONGEST_NAME])), "")
     if unit or system:
         raise InputError(
             "coordinates.unit_not_metres",

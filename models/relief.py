@@ -32,9 +32,12 @@ _PIECE_SHARE = 0.01
 _PAIRS_AT_A_TIME = 200_000
 """Number of pairs of edges, or of triangles and points, that are processed together: some 50 MB."""
 
-_MANY_POINTS, _SLENDER, _HALVINGS = 256, 0.15, 10
-"""Number of points in a triangle's circle above which, and fraction of that circle's area (0.41 for an equilateral
-triangle) below which, a triangle is bisected; maximum number of bisections, because points at a sharp corner remain."""
+_HALVINGS = 10
+"""Maximum number of bisections of a triangle: points at a sharp corner remain."""
+_MANY_POINTS = 256
+"""Number of points in a triangle's circle above which it is bisected."""
+_SLENDER = 0.15
+"""Fraction of that circle's area below which it is: an equilateral triangle has 0.41."""
 
 
 @cached

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from toppling.models.arrays import Array
-from toppling.models.caching import Described, cached
+from toppling.models.caching import Described
 from toppling.models.errors import check_positive, refusals
 from toppling.models.files import digest
 from toppling.models.files.documents import finite, shown
@@ -242,7 +242,7 @@ class Scene(Described):
         if not self.ground.is_plane:
             from toppling.models.tipping import limits_on_surface
 
-            return cached(limits_on_surface)(self.grounded, tuple(azimuths))
+            return limits_on_surface(self.grounded, tuple(azimuths))
         normal, g = self.pedestal.normal, self.gravity_m_s2
         if (rolling := self.rolling_body) is not None:
             tips = rolling.toppling_m_s2(azimuths)

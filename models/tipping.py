@@ -8,11 +8,11 @@ about the axis that gains most energy.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from toppling.models.caching import cached
 from toppling.models.compiled import Array
 from toppling.models.frames import horizontal_unit_vector
 from toppling.models.ground.body import GroundedBody
@@ -51,7 +51,8 @@ _MOST_GRAVITIES = 30.0  # acceleration, over g, beyond which a pose supports any
 _MOST_STEPS = 600  # of a path
 
 
-def limits_on_surface(body: GroundedBody, azimuths_deg: Iterable[float]) -> list[Limits]:
+@cached
+def limits_on_surface(body: GroundedBody, azimuths_deg: tuple[float, ...]) -> list[Limits]:
     """Statics of a rock by azimuth of the ground's acceleration; both 0 for one that falls by itself."""
     stands = body.rests_nearby
     return [

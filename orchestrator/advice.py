@@ -23,12 +23,12 @@ _G_AT_MOST = 1.5
 """Level below which all levels are more likely in g than in m/s²."""
 REALISATIONS = 25
 """Recommended number of realisations of a rock with drawn bases: the nominal base and enough others for a spread."""
-_MOST_NAMED = 5
-"""Maximum number of records named in a sentence."""
 _ROUNDED = 0.01
 """Tolerance for recognising multiples of pi/4 printed with two decimals, in eighths of a turn."""
-HARDLY_FRACTION, MOSTLY_FRACTION = 0.05, 0.5
-"""Maximum fraction toppled at the lowest, and minimum at the highest level, for levels to cover the transition."""
+HARDLY_FRACTION = 0.05
+"""Maximum fraction toppled at the lowest level for levels to cover the transition."""
+MOSTLY_FRACTION = 0.5
+"""Minimum fraction toppled at the highest."""
 _LEAST_WITHIN = 3
 """Minimum number of levels within the transition that resolves it."""
 
@@ -95,7 +95,7 @@ def shaking_warnings(campaign: Campaign, ensemble: Ensemble) -> list[str]:
         f"{beyond.mean():.0%} of the jobs shake beyond what was ever recorded ({LIMITS_WORDS}):".replace(
             "%", " %", 1
         )
-        + f"{at} {listed(named, _MOST_NAMED)}; lower levels, stronger records (toppling records select --pga) or those "
+        + f"{at} {listed(named)}; lower levels, stronger records (toppling records select --pga) or those "
         "with less PGV for their PGA avoid it, and the report shows the effect of leaving these jobs out"
     ]
 

@@ -13,6 +13,7 @@ from typing import Any
 from toppling.models.errors import InputError
 from toppling.models.files.documents import is_number, read_toml, shown
 from toppling.models.files.folder import local
+from toppling.models.files.schemas import MOST_JOBS
 from toppling.models.frames import azimuth_of
 from toppling.models.motions.measures import LEVEL_MEASURES
 from toppling.models.pedestal import ContactProperties
@@ -28,10 +29,6 @@ _AS_RECORDED = "recorded"
 
 LARGEST_PGA_M_S2 = 100.0
 """Maximum level, m/s²: twice the strongest recorded ground acceleration; more indicates wrong units."""
-_MOST_REALISATIONS = 1_000_000
-"""Maximum number of realisations."""
-MOST_JOBS = 10_000_000
-"""Maximum number of jobs: their table takes 2 GB, and they take 23 days at five jobs a second."""
 _OTHER_LEVELS = {
     "pga_g": "give pga_m_s2 in m/s2: 0.3 g is 2.94",
     **dict.fromkeys(("gravity", "gravity_m_s2"), "gravity is the scene's: give it where the scene is made"),
@@ -41,12 +38,10 @@ _OTHER_LEVELS = {
     ),
 }
 """Remedies for keys of levels in other measures or units."""
-_LARGEST_DISPLACEMENT_M = 1000.0
-"""Maximum of `peak_displacement_m`, m."""
-_HIGHEST_BAND_HZ = 1000.0
-"""Maximum of `band_hz`, Hz."""
-_FINEST, _COARSEST = 0.005, 0.5
-"""Range of `precision`, a half width relative to the target."""
+_FINEST = 0.005
+"""Minimum of `precision`, a half width relative to the target."""
+_COARSEST = 0.5
+"""Maximum of `precision`."""
 _QUANTILES = ("median", "p05", "p95")
 _TARGET_KEYS = (
     Key("of", word(_QUANTILES), f"{', '.join(map(repr, _QUANTILES))}", "share that topples", None, "the median"),
@@ -169,8 +164,7 @@ _DRAWN = (
     Key("restitution", pair(1.0), "[low, high], 0 to 1", "restitution", None),
     Key("yaw_deg", number(lambda yaw: 0 <= yaw <= 180), "0 to 180 degrees", "turn of the motion, either way", 0.0),
     Key("either_sense", number(lambda _: True, bool), "true or false", "reverse the motion in half of them", False),
-    Key("band_hz", number(lambda band: 0 < band <= _HIGHEST_BAND_HZ), f"above 0, up to {_HIGHEST_BAND_HZ:g} Hz",
-        "where the records' band ends", None),
+    Key("band_hz", number(lambda band: band > 0), "above 0 Hz", "where the records' band ends", None),
     Key("above_band", pair(2.0), "[low, high], 0 to 2", "motion above it over that in the octave below", None),
 )
 """Keys of `unmeasured`."""
@@ -194,7 +188,7 @@ KEYS = (
         "coefficients of friction, of rock on rock 0.6 to 1.0"),
     Key("restitution", axis(lambda value: 0 <= value <= 1), "a list of numbers, 0 to 1",
         "coefficients of restitution", (0.0,), "[0.0]", "[0.0]"),
-    Key("realisations", _count(1, _MOST_REALISATIONS), f"a whole number from 1 to {_MOST_REALISATIONS}",
+    Key("realisations", _count(1, MOST_JOBS), f"a whole number from 1 to {MOST_JOBS}",
         "over which the jobs of each record are spread: one is the scene as it is, others draw base and friction", 1,
         "1", "25"),
     Key("first_realisation", _count(0), "a whole number from 0",
@@ -219,8 +213,7 @@ KEYS = (
         "half of the 95 % interval at which the run ends", None, "all jobs", "0.05", "precision.md"),
     Key("target", _target, '"median", "p05", "p95" or a table', "what the run is to state", None,
         "the shaking at which half topple", '"p05"', "precision.md"),
-    Key("peak_displacement_m", number(lambda size: 0 < size <= _LARGEST_DISPLACEMENT_M),
-        f"metres above 0 and up to {_LARGEST_DISPLACEMENT_M:g}",
+    Key("peak_displacement_m", number(lambda size: size > 0), "metres above 0",
         "largest horizontal displacement of the ground, to which motions are high-passed (corners up to 5 Hz, else "
         "the job fails)", None, "none", "1.0"),
 )

@@ -27,10 +27,10 @@ from toppling.workers.compile_once import compile_apart
 
 log = logging.getLogger(__name__)
 
-_MOST_PER_CORE, _MOST_ALWAYS = 4, 16
-"""Maximum number of local workers per core, and number that is always allowed; one worker occupies a core."""
-_CONNECT_TIMEOUT_S = 30
-"""Timeout for connecting to a scheduler, s."""
+_MOST_PER_CORE = 4
+"""Maximum number of local workers per core; one worker occupies a core."""
+_MOST_ALWAYS = 16
+"""Number of local workers that every machine allows."""
 _SILENT = {f"distributed.{role}.http.routes": ["distributed.http.health"] for role in ("scheduler", "worker")}
 """Settings that disable Dask's dashboards, which have no authentication and are open to every account of the host."""
 
@@ -135,8 +135,8 @@ def existing(address: str | None) -> Iterator[Client]:
         raise _unreachable(where, "no such file")
     at = {"scheduler_file" if by_file else "address": address}
     try:
-        _ClosedIfNotStarted(**at, timeout=_CONNECT_TIMEOUT_S, set_as_default=False).close()
-        # The timeout also applies to a restarted scheduler.
+        _ClosedIfNotStarted(**at, set_as_default=False).close()
+        # Unlike Dask's own, this timeout also gives a restarted scheduler time.
         client = _ClosedIfNotStarted(**at, timeout=BACK_WITHIN_S, set_as_default=False)
     except (OSError, ValueError, TypeError, RuntimeError) as error:
         what = str(error).splitlines()[0]

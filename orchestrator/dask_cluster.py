@@ -36,24 +36,24 @@ BACK_WITHIN_S = 120.0
 """Time within which a lost external scheduler may be restarted, s."""
 
 _UNREACHABLE = (errno.EHOSTUNREACH, errno.ENETUNREACH, errno.ENETDOWN, errno.EHOSTDOWN, errno.EADDRNOTAVAIL)
-_LOOK_S, _WAIT_S = 0.1, 1.0
-"""Interval between attempts at a check, and timeout of a wait for the first worker, s."""
-
-
-_WORTH_A_WORKER_S, _WORTH_A_BATCH_JOB_S = 15.0, 300.0
-"""Remaining work that justifies another local process or batch job, s: a few times its start or waiting time."""
+_LOOK_S = 0.1
+"""Interval between attempts at a check, s."""
+_WAIT_S = 1.0
+"""Timeout of a wait for the first worker, s."""
+_WORTH_A_WORKER_S = 15.0
+"""Remaining work that justifies another local process, s: a few times its start."""
+_WORTH_A_BATCH_JOB_S = 300.0
+"""Remaining work that justifies another batch job, s: a few times its waiting time."""
 _ADAPT_PAUSE_S, _IDLE_LOOKS = "3s", 10
 """Interval between adaptations of the size, and number of them in which a worker must be idle before it is stopped."""
 _LISTED = {"slurm": ("squeue", "--me", "--noheader", "--format=%A")}
 """Commands that list the ids of a user's unfinished batch jobs."""
-_LIST_PAUSE_S, _LIST_TIMEOUT_S = 30.0, 20.0
-"""Interval between such lists, and timeout of one, s."""
+_BATCH_SYSTEM_S = 30.0
+"""Interval between such lists, and time that a batch system has to answer, s."""
 _SUBMITTED_IN_VAIN = 3
 """Number of consecutive submissions whose batch jobs all end without a worker, after which the run stops."""
-_RESUBMIT_PAUSE_S, _RESUBMIT_TIMEOUT_S = 10.0, 30.0
-"""Interval between resubmissions, and timeout of one, s."""
-
-
+_RESUBMIT_PAUSE_S = 10.0
+"""Interval between resubmissions, s."""
 CLOSED = "--no-dashboard --dashboard-address 127.0.0.1:0"
 """Options of a Dask worker without dashboard, which has no authentication."""
 _WARN_AFTER_S = 60.0
@@ -270,12 +270,12 @@ class DaskCluster:
         cluster: Any = self._cluster
         command = _LISTED.get(getattr(cluster.job_cls, "config_name", ""))
         waiting = {name: job.job_id for name, job in cluster.workers.items() if name not in self._came}
-        if command is None or not waiting or time.monotonic() - self._listed < _LIST_PAUSE_S:
+        if command is None or not waiting or time.monotonic() - self._listed < _BATCH_SYSTEM_S:
             return
         self._listed = time.monotonic()
         with suppress(OSError, subprocess.SubprocessError):
             listed = subprocess.run(
-                command, capture_output=True, text=True, check=True, timeout=_LIST_TIMEOUT_S
+                command, capture_output=True, text=True, check=True, timeout=_BATCH_SYSTEM_S
             )
             there = set(listed.stdout.split())
             self._ended = {name for name, number in waiting.items() if number and number not in there}
@@ -298,7 +298,7 @@ class DaskCluster:
         if dropped := [name for name in ended if name in cluster.workers]:
             log.warning("%d batch jobs have ended: as many are submitted again", len(dropped))
             with suppress(TimeoutError):  # repeated at the next look
-                self._client.sync(cluster.scale_down, dropped, callback_timeout=_RESUBMIT_TIMEOUT_S)
+                self._client.sync(cluster.scale_down, dropped, callback_timeout=_BATCH_SYSTEM_S)
         cluster.scale(jobs=wanted)
 
     def submit(self, task: Callable[..., Any], calls: Mapping[str, Sequence[Any]]) -> None:

@@ -20,11 +20,12 @@ _BATCHES_LEFT_PER_WORKER = 4
 """Number of batches per worker that the remaining jobs are divided into near the end, so that no worker idles."""
 
 _LAST_PER_WORKER = 30
-_LAST_FRACTION = 0.2
-"""Number of jobs per worker, and maximum fraction of all jobs, at the end that are sorted by falling duration.
+"""Number of jobs per worker at the end that are sorted by falling duration.
 
 A long job that starts last would delay the end: costs of jobs differ by a factor of thirty.
 """
+_LAST_FRACTION = 0.2
+"""Maximum fraction of all jobs that are."""
 
 
 @dataclass(frozen=True)

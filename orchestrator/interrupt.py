@@ -16,8 +16,8 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager
 from types import FrameType
 from typing import Any, NoReturn, TypeVar
 
-INTERRUPTED = 130
-"""Exit code of a stopped program."""
+INTERRUPTED = 128 + signal.SIGINT
+"""Exit code of a stopped program, as shells give it."""
 _PATIENCE_S = 60
 """Time after the first signal at which the process is ended forcibly, s."""
 ENDS = (signal.SIGTERM, signal.SIGHUP)

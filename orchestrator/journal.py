@@ -14,11 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from toppling.models.errors import InputError, refusals
-from toppling.models.files.given import open_given
+from toppling.models.files.given import TAIL_BYTES, open_given
 
 LOG_FILE = "run.log"
-_TAIL_BYTES = 65_536
-"""Size of the end of a log that is searched for an event, bytes."""
 _CHECKSUM = b', "crc32": "'
 
 log = logging.getLogger(__name__)
@@ -55,7 +53,7 @@ def last(run: Path, *events: str) -> dict[str, Any] | None:
     """Newest entry of the given events near the end of a run's log; None if there is none."""
     try:
         with open_given(run / LOG_FILE, _no_log) as file:
-            begin = file.seek(max(file.seek(0, os.SEEK_END) - _TAIL_BYTES, 0))
+            begin = file.seek(max(file.seek(0, os.SEEK_END) - TAIL_BYTES, 0))
             lines = file.read().splitlines()
     except (InputError, OSError):
         return None

@@ -29,9 +29,8 @@ log = logging.getLogger(__name__)
 _DEATHS_AT_START = 2
 """Number of consecutive deaths at the start after which no process is started."""
 
-_MEMORY_FRACTION, _LOOK_S, _CLOSE_LOOK_S = 0.95, 1.0, 0.02
-"""Fraction of a worker's part of the machine's memory at which it is ended; intervals of checks during work and at the
-end, s."""
+_LOOK_S = 1.0
+"""Interval between checks of a worker's memory, and between attempts to end it, s."""
 
 _OUT_OF_MEMORY = Path("/sys/fs/cgroup/memory.events")
 
@@ -46,7 +45,8 @@ class LocalWorkers(SpecCluster):
                      "dashboard": False, "dashboard_address": f"{host}:0"}  # fmt: skip
         settings = {"scratch": scratch, "config": dask.config.config,
                 "security": security.get_tls_config_for_role("worker")}  # fmt: skip
-        worker = {"session": self, "settings": settings, "memory": _MEMORY_FRACTION * MEMORY_LIMIT / most}
+        fraction = dask.config.get("distributed.worker.memory.terminate")
+        worker = {"session": self, "settings": settings, "memory": fraction * MEMORY_LIMIT / most}
         parts = {
             "scheduler": {"cls": Scheduler, "options": scheduler},
             "worker": {"cls": _LocalWorker, "options": worker},
@@ -84,7 +84,7 @@ class _LocalWorker(ProcessInterface):
         self._closing = True
         while self._keeper.is_alive():
             self.kill()
-            await asyncio.sleep(_CLOSE_LOOK_S)
+            await asyncio.to_thread(self._keeper.join, _LOOK_S)
         await super().close()
 
     def kill(self) -> None:

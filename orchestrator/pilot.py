@@ -28,8 +28,10 @@ _MOST_FRACTION = 0.8
 """Fraction of the trial records that must topple the rock before trials end."""
 _GROWTH = 1.35
 """Ratio of successive trial levels."""
-_HIGHEST_M_S2, _HIGHEST_OVER_LEAST = 20.0, 4.0
-"""Maximum trial level, m/s² (twice gravity), and for a squat rock in multiples of its least static acceleration."""
+_HIGHEST_M_S2 = 20.0
+"""Maximum trial level, m/s²: twice gravity."""
+_HIGHEST_OVER_LEAST = 4.0
+"""Maximum trial level of a squat rock, in multiples of its least static acceleration."""
 
 
 @dataclass(frozen=True)
@@ -138,10 +140,6 @@ _TIMED_JOBS = 48
 """Maximum number of timed jobs: it gives the mean cost to some 20 % where jobs take from 1 ms to seconds."""
 _TIMED_S = 20.0
 """Time after which no further job is timed, s."""
-_LEAST_TIMED = 6
-"""Minimum number of timed jobs, if the plan has as many."""
-_JOBS_PER_TIMED = 8
-"""Number of jobs of a small plan per timed one, so that the estimate costs less than the run."""
 _ROCKS_TIMED = 3
 """Number of rocks of an atlas whose jobs are timed."""
 _BRIEF_S = 60.0
@@ -157,8 +155,8 @@ class TimeEstimate:
 
 
 def timed_jobs(pending: int) -> int:
-    """Number of jobs to time, by the number of pending jobs."""
-    return min(_TIMED_JOBS, max(_LEAST_TIMED, pending // _JOBS_PER_TIMED), pending)
+    """Number of jobs to time, by the number of pending jobs: the root, so that it costs less than the run."""
+    return min(_TIMED_JOBS, math.isqrt(pending))
 
 
 def words_of(estimated: TimeEstimate | None, jobs: int, workers: int | None) -> str:

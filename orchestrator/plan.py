@@ -14,11 +14,13 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
+from toppling.models import caching
 from toppling.models.errors import InputError, did_you_mean
-from toppling.models.motions.ensemble import Ensemble
+from toppling.models.files.schemas import MOST_JOBS
+from toppling.models.motions.ensemble import RECORDS_IN_MEMORY, Ensemble
 from toppling.models.motions.imposing import check_step
 from toppling.models.scene import Scene
-from toppling.orchestrator.campaign import MOST_JOBS, Campaign, hash_of
+from toppling.orchestrator.campaign import Campaign, hash_of
 from toppling.orchestrator.recorded import Recorded, check_weighable, read_recorded
 from toppling.orchestrator.site_table import Site
 from toppling.results.schema import SCHEMA
@@ -27,12 +29,8 @@ from toppling.workers.options import PHYSICS_VERSION
 
 _SEED = 2017
 """Seed of the order, which is arbitrary but equal on all machines."""
-_RECORDS_TOGETHER = 64
-"""Number of records per block, as many as a worker caches."""
 _JOBS_OF_A_RECORD = 4
 """Number of jobs per record in a block if there are more records than that: loading one takes a few milliseconds."""
-_SCENES_CACHED = 8
-"""Number of scenes that a worker caches."""
 JOBS_OF_A_SCENE = 128
 """Number of successive jobs of a scene if there are more scenes than that: preparing one takes a third of a second."""
 JOBS_OF_A_ROCK = 256
@@ -73,11 +71,11 @@ def _along_diagonal(*sizes: int) -> NDArray[np.int64]:
 
 def block_jobs(records: int, levels: int, azimuths: int, scenes: int) -> tuple[int, int]:
     """Number of groups that records are divided into, and number of jobs of a record in a block."""
-    groups = 1 if scenes == 1 else math.ceil(records / _RECORDS_TOGETHER)
-    if scenes > _SCENES_CACHED:
+    groups = 1 if scenes == 1 else math.ceil(records / RECORDS_IN_MEMORY)
+    if scenes > caching.MOST:
         jobs = math.ceil(JOBS_OF_A_SCENE * groups / records)
     else:
-        jobs = _JOBS_OF_A_RECORD if records / groups > _RECORDS_TOGETHER else 1
+        jobs = _JOBS_OF_A_RECORD if records / groups > RECORDS_IN_MEMORY else 1
     return groups, min(jobs, levels * azimuths)
 
 

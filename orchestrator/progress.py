@@ -18,8 +18,10 @@ from toppling.orchestrator.terminal import plain_text, terminal_of
 if TYPE_CHECKING:
     from toppling.orchestrator.context import ProgressCallback, RunProgress
 
-_FIRST_LINE_S, _LINE_EVERY_S = 10.0, 60.0
-"""Time before the first line in a log, and interval between lines, s."""
+_FIRST_LINE_S = 10.0
+"""Time before the first line in a log, s."""
+_LINE_EVERY_S = 60.0
+"""Interval between lines, s."""
 
 
 @dataclass
@@ -99,28 +101,28 @@ def bar(
         return
     ended, named = threading.Event(), [what]
 
-    def speak() -> None:
+    def print_line() -> None:
         console.print(plain_text(advance.line), soft_wrap=True, markup=False, highlight=False)
 
-    def speak_on() -> None:
+    def print_lines() -> None:
         wait_s = first_line_s
         while not ended.wait(wait_s):
             wait_s = line_every_s
-            speak()
+            print_line()
 
     def show(state: Advance) -> None:
         if state.what != named[-1]:
             named.append(state.what)
-            speak()
+            print_line()
 
     advance.show = show
-    speaker = threading.Thread(target=speak_on, name="progress", daemon=True)
-    speaker.start()
+    printer = threading.Thread(target=print_lines, name="progress", daemon=True)
+    printer.start()
     try:
         yield advance
     finally:
         ended.set()
-        speaker.join()
+        printer.join()
 
 
 @contextmanager

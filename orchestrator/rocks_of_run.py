@@ -110,8 +110,9 @@ def scene_entries(plan: Plan, settlings: Sequence[Settlings]) -> dict[str, Any]:
 
 
 _LARGE_FROM_DEG = 1.0
+"""Tilt from which a settling exceeds the error of an interface."""
 _LARGE_FROM_FRACTION = 0.01
-"""Displacement over height from which, as from that tilt, a settling exceeds the error of an interface."""
+"""Displacement over height from which it does."""
 
 _WHY_A_SCANNED_ROCK_SETTLES = (
     "it was scanned at rest, so one observation contradicts standing: a rim that is not where it seems, another plane "

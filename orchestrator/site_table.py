@@ -22,8 +22,6 @@ from toppling.orchestrator.keys import Key, Place, number, path, read_keys
 from toppling.results.hazard.ages import parse_age, unit_years
 
 _SCENE_FILE = "scene.json"
-_LARGEST_BYTES = 10_000_000
-"""Largest table of rocks that is read, bytes."""
 _NAME = re.compile(r"[^\W_][\w .+\-'\u2019(),&#]{0,99}")
 _REMARKS = {"comment", "comments", "note", "notes", "remark", "remarks", "description", "reference", "photo"}
 """Names of columns that are ignored, as remarks for readers."""
@@ -124,7 +122,7 @@ def _rows(given: Path) -> Iterable[dict[str, Any]]:
 
 
 def _rows_of_csv(given: Path) -> Iterable[dict[str, Any]]:
-    table = Table.read(given, _no_rocks, _LARGEST_BYTES)
+    table = Table.read(given, _no_rocks)
     cells = [{column: cell for column, cell in enumerate(row) if cell} for _, row in table.rows]
     written = {column: name.casefold() for column, name in cells[0].items()} if cells else {}
     names = {column: _SHORT.get(name, name) for column, name in written.items()}

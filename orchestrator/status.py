@@ -8,6 +8,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from toppling.models.files.documents import MOST_SHOWN
 from toppling.models.files.stores import writer_of
 from toppling.orchestrator.journal import last
 from toppling.orchestrator.run_folder import describe, ended, is_running
@@ -18,8 +19,6 @@ from toppling.results.store import newest_rows, read_steady, result_files
 from toppling.results.weights import CONTACT, WEIGHTS_FILE, Weights, are_due, sentences
 
 _WINDOW = timedelta(minutes=1)
-REASONS_SHOWN = 10
-"""Maximum number of reasons of failures that are reported."""
 _COLUMNS = ["job_id", "record_id", "status", "toppled", "message", "attempt", "finished_at"]
 
 
@@ -112,7 +111,7 @@ def _failures(rows: pa.Table) -> list[dict[str, Any]]:
     reasons = grouped.aggregate([("job_id", "count"), ("job_id", "first"), ("record_id", "first")])
     reasons = reasons.sort_by([("job_id_count", "descending"), ("job_id_first", "ascending")])
     names = {"job_id_count": "jobs", "job_id_first": "job_id", "record_id_first": "record_id"}
-    return reasons.rename_columns(names)[:REASONS_SHOWN].to_pylist()
+    return reasons.rename_columns(names)[:MOST_SHOWN].to_pylist()
 
 
 def _pace(rows: pa.Table, jobs: int) -> tuple[float | None, float | None]:

@@ -19,7 +19,7 @@ import pyarrow.parquet as pq
 from toppling.models.errors import InputError, refusals
 from toppling.models.files import documents
 from toppling.models.files.folder import new_file
-from toppling.models.files.given import open_given
+from toppling.models.files.given import HEAD_BYTES, TAIL_BYTES, open_given
 
 log = logging.getLogger(__name__)
 
@@ -30,7 +30,6 @@ _MARK = "toppling-sha256:"
 BLANK = f"{_MARK}{'0' * 64}"
 """Placeholder that a writer puts where the digest will be."""
 
-_HEAD_BYTES, _TAIL_BYTES, _CHUNK_BYTES = 4_096, 65_536, 1 << 20
 _LFS = b"version https://git-lfs"
 _TEXTS, _MOST_TEXT_BYTES = {".json", ".toml"}, 50_000_000
 """Files whose ends of lines Git and FTP exchange for those of the system, and their size at most."""
@@ -181,8 +180,8 @@ def _place(file: IO[bytes], size: int) -> int | None:
     file.seek(max(size - 8, 0))
     end = file.read(8)
     footer = int.from_bytes(end[:4], "little") + 8 if end.endswith(b"PAR1") else 0
-    tail = min(max(_TAIL_BYTES, footer), size)
-    for begin, length in ((size - tail, tail), (0, _HEAD_BYTES)):
+    tail = min(max(TAIL_BYTES, footer), size)
+    for begin, length in ((size - tail, tail), (0, HEAD_BYTES)):
         file.seek(begin)
         found = file.read(length).rfind(_MARK.encode())
         if found >= 0:
@@ -201,7 +200,7 @@ def _digest(file: IO[bytes], place: int) -> bytes:
     file.seek(0)
     digest.update(file.read(place))
     digest.update(b"0" * len(file.read(64)))
-    while chunk := file.read(_CHUNK_BYTES):
+    while chunk := file.read(io.DEFAULT_BUFFER_SIZE):
         digest.update(chunk)
     return digest.hexdigest().encode()
 
@@ -216,10 +215,12 @@ def _digest_of_lines(file: IO[bytes], path: Path) -> bytes:
     return b"" if place is None else _digest(lines, place)
 
 
-_LEAST_BOUND_BYTES, _BYTES_PER_BYTE = 64_000_000, 200
-"""Memory that any file may take, and more for each of its bytes: results and records take at most 40 a byte."""
+_LEAST_BOUND_BYTES = 64_000_000
+"""Memory that any table may take."""
+_BYTES_PER_BYTE = 200
+"""Memory that it may take for each byte of its file besides: results and records take at most 40."""
 _LEAST_BOUND_ROWS = 10_000
-_VALUE_BYTES = 8
+"""Number of rows that any table may have; else it has as many as its file has bytes at most."""
 _BOUNDED: dict[str, tuple[int, ...]] = {}
 """State of the files that were found to keep within."""
 
@@ -293,7 +294,7 @@ def check_bounds(path: Path) -> None:
         for index in range(footer.num_columns):
             column = footer.row_group(group).column(index)
             unpacked += max(column.total_uncompressed_size, 0)
-            decoded += _VALUE_BYTES * max(column.num_values, 0)
+            decoded += pa.float64().byte_width * max(column.num_values, 0)
             repeats = column.physical_type == "BYTE_ARRAY" and column.has_dictionary_page
             if repeats and column.num_values * column.total_uncompressed_size > most:
                 repeated.add(index)

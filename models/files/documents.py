@@ -4,6 +4,7 @@ import json
 import math
 import re
 import reprlib
+import sys
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,17 +14,18 @@ from typing import Any, NoReturn
 from xml.etree import ElementTree
 
 from toppling.models.errors import InputError, refusals
-from toppling.models.files.given import Refuse, bytes_given
+from toppling.models.files.given import LARGEST_BYTES, Refuse, bytes_given
 
-_LARGEST_JSON_BYTES = 100_000_000
 _CORRECT = "correct the file, or have it made anew"
 _LARGEST_TOML_BYTES, _TOML = 2_000_000, "TOML: key = value, a line each"
 MOST_VALUES = 10_000_000
 """Maximum number of values of a JSON or XML file, by its commas and brackets; one takes 60 bytes, 250 in XML."""
 _DEEPEST = 100
 """Maximum depth of nested objects and lists, which recursive functions walk."""
-_LONGEST_NUMBER = 300
-"""Digits of a whole number: a double holds no more."""
+MOST_NAMED = 6
+"""Maximum number of names in a sentence."""
+MOST_SHOWN = 10
+"""Maximum number of rows of a list that a command prints or a page shows; files have all."""
 _LONGEST_KEY = 50
 """Parts of a dotted key: the time that tomllib takes grows with their square."""
 _LONG_KEY = re.compile(
@@ -31,7 +33,6 @@ _LONG_KEY = re.compile(
 )
 _SHORT = reprlib.Repr()
 _SHORT.maxstring = _SHORT.maxother = 60
-_SHORT.maxlong = 40
 
 
 def shown(value: Any) -> str:
@@ -40,7 +41,7 @@ def shown(value: Any) -> str:
     return text if len(text) <= 100 else f"{text[:97]}..."
 
 
-def listed(names: Sequence[str], most: int) -> str:
+def listed(names: Sequence[str], most: int = MOST_NAMED) -> str:
     """Names in a sentence, the first few of many.
 
     Examples
@@ -76,7 +77,7 @@ def read_json(path: Path, refuse: Refuse = _no_json) -> dict[str, Any]:
     Raises InputError if it is no file, too large, no JSON (which has no NaN), nested beyond use, or no object.
     Raises AbsentError, a FileNotFoundError too, if there is none.
     """
-    content = json_of(_text(path, refuse, _LARGEST_JSON_BYTES), path, refuse)
+    content = json_of(_text(path, refuse), path, refuse)
     if not isinstance(content, dict):
         raise refuse("document.no_object", f"is {shown(content)}, no object", path)
     return content
@@ -92,7 +93,9 @@ def json_of(text: str, where: object, refuse: Refuse = _no_json) -> Any:
         content = json.loads(
             text,
             parse_constant=partial(_no_number, text),
-            parse_int=lambda found: int(found) if len(found) <= _LONGEST_NUMBER else _no_number(text, found),
+            parse_int=lambda found: (
+                int(found) if len(found) <= sys.float_info.max_10_exp else _no_number(text, found)
+            ),
             parse_float=lambda found: (
                 value if math.isfinite(value := float(found)) else _no_number(text, found)
             ),
@@ -239,7 +242,7 @@ NUMBER = between(-1e12, 1e12)
 SHARE = between(-0.001, 1.001)
 
 
-def _text(path: Path, refuse: Refuse, most_bytes: int) -> str:
+def _text(path: Path, refuse: Refuse, most_bytes: int = LARGEST_BYTES) -> str:
     content = bytes_given(path, refuse, most_bytes)
     if content.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise refuse("file.not_utf8", "is text in UTF-16, not in UTF-8", path)

@@ -15,6 +15,10 @@ Refuse = Callable[[str, str, object], InputError]
 
 LONGEST_LINE_BYTES = 1 << 20
 """Maximum length of a line of text, in any format."""
+LONGEST_NAME = 300
+"""Maximum number of characters of a name, a value or a remark that are parsed: patterns are slow in endless text."""
+LARGEST_BYTES = 100_000_000
+"""Maximum size of a table or a document, which is parsed whole, bytes."""
 _OPEN_AT_ONCE = os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC
 """A pipe would wait for its writer, and a terminal would become the program's."""
 _LINE_END = re.compile(rb"[\n\r]")
@@ -89,7 +93,7 @@ def _unopened(kind: type[UnopenedError], why: InputError, error: OSError) -> Uno
     return unopened
 
 
-def bytes_given(path: str | os.PathLike[str], refuse: Refuse, most_bytes: float) -> bytes:
+def bytes_given(path: str | os.PathLike[str], refuse: Refuse, most_bytes: float = LARGEST_BYTES) -> bytes:
     """Content of a file that somebody gave; raises as :func:`open_given`."""
     with open_given(path, refuse, most_bytes) as file:
         return file.read()
@@ -108,7 +112,9 @@ def check_lines(file: IO[bytes], path: Any, refuse: Refuse) -> None:
 
 
 HEAD_BYTES = 4000
-LARGEST_TABLE_BYTES = 100_000_000
+"""Length of the beginning of a file that shows what it is."""
+TAIL_BYTES = 65_536
+"""Length of the end of a file that is searched for its last entry."""
 _FILLING = re.compile(rb"(?<![\0\x1a])[\0\x1a]++(?=[\r\n]|\Z)|(?<=[\r\n])[\0\x1a]++")
 """DOS' end of file, and zeros that fill a line or a block: never inside of a line, where they are damage.
 
@@ -139,12 +145,12 @@ def text_of(content: bytes) -> str | None:
     return _TEXT_LINE_END.sub("\n", text).translate(_NO_LINE_ENDS | _AS_ASCII) + "\n"
 
 
-def text_given(path: Path, refuse: Refuse, most_bytes: int = LARGEST_TABLE_BYTES) -> str:
+def text_given(path: Path, refuse: Refuse) -> str:
     """Text of a file that somebody gave.
 
     Raises InputError as :func:`~toppling.models.files.given.open_given`, or if it is no text.
     """
-    text = text_of(bytes_given(path, refuse, most_bytes))
+    text = text_of(bytes_given(path, refuse))
     if text is None:
         raise refuse("file.not_text", "is no text", path)
     return text

@@ -32,19 +32,19 @@ from numpy.typing import NDArray
 from toppling.models.errors import InputError, refusals
 from toppling.models.files.given import open_given
 
-_MEMORY_BYTES, _MEMORY_PER_BYTE = 768 << 20, 100
-"""A file may take so much memory, and so much more a byte: the most that a LAZ needs to become points is 30."""
-_PROCESSOR_S, _PROCESSOR_S_PER_MB = 3.0, 2.0
-"""Seconds of processor time that a file may take, rounded up; the slowest format takes 0.3 s a megabyte.
-
-The first file of a format also pays for what its library imports, and compiles, as it reads.
-"""
+_MEMORY_BYTES = 768 << 20
+"""Memory that reading any file may take."""
+_MEMORY_PER_BYTE = 100
+"""Memory that it may take for each byte of the file besides: a LAZ needs 30 at most to become points."""
+_PROCESSOR_S = 3.0
+"""Processor time that reading any file may take, s: the first of a format pays for what its library imports."""
+_PROCESSOR_S_PER_MB = 2.0
+"""Processor time that it may take for each megabyte besides, s: the slowest format takes 0.3."""
 _PATIENCE = 100.0
 """Ratio of wall-clock to processor time that is allowed: other work and slow file systems are no fault of a file."""
 _THREADS = 4
 """Number of threads of the libraries there: each has a stack and an arena that count as memory."""
 _HEADER_BYTES = 8
-_PIPE_BYTES = 1 << 20
 _IDLE_S = 20.0
 """Time without a request after which the process ends."""
 _Read = tuple[Any, list[NDArray]]
@@ -161,7 +161,6 @@ def _running() -> subprocess.Popen:
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
-        pipesize=_PIPE_BYTES,
         env=os.environ | dict.fromkeys(("RAYON_NUM_THREADS", "OMP_NUM_THREADS"), str(_THREADS))
         | {"MALLOC_ARENA_MAX": "2", "OPENBLAS_NUM_THREADS": "1", "RUST_BACKTRACE": "0"},
         start_new_session=True,  # Ctrl-C is for the program, which stops this one
@@ -224,7 +223,7 @@ def _serve(request: dict[str, Any], answers: BinaryIO) -> None:
     if "said" not in answer:
         arrays = []
     header = json.dumps(answer).encode()
-    answers.write(len(header).to_bytes(8, "big") + header)
+    answers.write(len(header).to_bytes(_HEADER_BYTES, "big") + header)
     for array in arrays:
         answers.write(array.data.cast("B") if array.size else b"")
     answers.flush()

@@ -455,8 +455,8 @@ class Copy:
 
         Raises InputError if the store does not answer, or holds what is no file of a folder.
         """
-        with self._alone, self._errors_named():
-            if self._is_written_here():
+        with self._alone, self._errors_as_refusals():
+            if self._is_locked():
                 return
             there = {name: stamp for name, stamp in self._store.objects().items() if not _is_hidden(name)}
             for name, stamp in there.items():
@@ -478,7 +478,7 @@ class Copy:
         Raises InputError if the store does not answer, holds less of an object than was sent, or another process
         has claimed the folder.
         """
-        with self._alone, self._errors_named():
+        with self._alone, self._errors_as_refusals():
             self._claim.check()
             try:
                 for name in sorted(self._changed(), key=lambda name: (name == "run.json", name)):
@@ -499,21 +499,21 @@ class Copy:
                 self._note()
 
     @contextlib.contextmanager
-    def written_by_one(self, *, take_over: bool = False) -> Iterator[Callable[[], None]]:
+    def sole_writer(self, *, take_over: bool = False) -> Iterator[Callable[[], None]]:
         """Write as the only one: bring what others wrote, carry over what is written meanwhile, and all at the end.
 
         take_over: although another process, which is dead, has claimed the folder.
 
         Yields callable: raises InputError once another process has taken the folder over.
         """
-        with self._errors_named():
+        with self._errors_as_refusals():
             self._claim.take(over=take_over)
             for name in self._store.objects():
                 if PurePosixPath(name).match(".*.tmp"):  # of a writer that was killed
                     self._store.remove(name)
         try:
             self.pull()
-            with self._written_here(), self._uploads():
+            with self._locked(), self._uploads():
                 yield self._check
         finally:
             self._claim.release()
@@ -523,7 +523,7 @@ class Copy:
 
         Raises InputError if the store does not answer.
         """
-        with self._errors_named():
+        with self._errors_as_refusals():
             return self._store.holds("run.json")
 
     def writer(self) -> str:
@@ -531,7 +531,7 @@ class Copy:
 
         Raises InputError if the store does not answer.
         """
-        with self._errors_named():
+        with self._errors_as_refusals():
             return self._claim.writer()
 
     def carry_back(self) -> None:
@@ -539,7 +539,7 @@ class Copy:
 
         Raises InputError as `push`.
         """
-        if self._claim.loss is None and not self._is_written_here() and self._changed() != self._left:
+        if self._claim.loss is None and not self._is_locked() and self._changed() != self._left:
             self.push()
 
     def _check(self) -> None:
@@ -591,13 +591,13 @@ class Copy:
         )
 
     @contextlib.contextmanager
-    def _written_here(self) -> Iterator[None]:
+    def _locked(self) -> Iterator[None]:
         """Let other processes of this machine see that this one writes to the copy."""
         with self._companion("lock").open("a") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
             yield
 
-    def _is_written_here(self) -> bool:
+    def _is_locked(self) -> bool:
         try:
             with self._companion("lock").open() as lock:
                 fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
@@ -608,7 +608,7 @@ class Copy:
         return False
 
     @contextlib.contextmanager
-    def _errors_named(self) -> Iterator[None]:
+    def _errors_as_refusals(self) -> Iterator[None]:
         try:
             yield
         except InputError:
@@ -666,9 +666,9 @@ def named(path: Path) -> str:
     return next((address for address, copy in _COPIES.items() if copy.path == path), str(path))
 
 
-def written_by_one(path: Path, *, take_over: bool = False) -> AbstractContextManager[Callable[[], None]]:
-    """Context of :meth:`Copy.written_by_one` for a copy of a folder in a store; of nothing for other folders."""
-    copies = (copy.written_by_one(take_over=take_over) for copy in _COPIES.values() if copy.path == path)
+def sole_writer(path: Path, *, take_over: bool = False) -> AbstractContextManager[Callable[[], None]]:
+    """Context of :meth:`Copy.sole_writer` for a copy of a folder in a store; of nothing for other folders."""
+    copies = (copy.sole_writer(take_over=take_over) for copy in _COPIES.values() if copy.path == path)
     return next(copies, contextlib.nullcontext(lambda: None))
 
 

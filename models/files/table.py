@@ -10,7 +10,7 @@ from typing import Any, Self
 
 from toppling.models.errors import refusals
 from toppling.models.files.folder import new_file
-from toppling.models.files.given import LARGEST_TABLE_BYTES, Refuse, TextFile, bytes_given, text_of
+from toppling.models.files.given import Refuse, TextFile, bytes_given, text_of
 
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 """Characters with which a cell begins that a spreadsheet calculates, or that hides one that does."""
@@ -102,14 +102,12 @@ class Table(TextFile):
     """Separator of thousands in the file."""
 
     @classmethod
-    def read(
-        cls, path: Path, refuse: Refuse = no_table, most_bytes: float = LARGEST_TABLE_BYTES, **how: bool
-    ) -> Self:
+    def read(cls, path: Path, refuse: Refuse = no_table, **how: bool) -> Self:
         """Table of a file, in any encoding that :func:`~toppling.models.files.given.text_of` knows.
 
         Raises InputError if there is none, it is too large, or holds a zero: with the line.
         """
-        content = bytes_given(path, refuse, most_bytes)
+        content = bytes_given(path, refuse)
         text = text_of(content)
         if text is None or "\0" in text:
             line = content.partition(b"\0")[0].count(b"\n") + 1

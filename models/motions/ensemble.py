@@ -1,5 +1,6 @@
 """Ensemble of records: a folder with `catalog.parquet` and `motions.parquet`, one row (group) a record."""
 
+import math
 import threading
 from collections.abc import Iterable, Mapping
 from functools import cached_property, lru_cache
@@ -22,10 +23,8 @@ from toppling.models.motions.place import Place
 from toppling.models.motions.record import Record, motion_sha
 
 SCHEMA_VERSION = "2"
-_RECORDS_IN_MEMORY = 64
+RECORDS_IN_MEMORY = 64
 """Number of records in a block of jobs (`orchestrator.order`); few records are larger than half a megabyte."""
-_PGA_TOLERANCE = 1e-9
-"""Share by which two machines' roots may differ in the catalogue's PGA, by which every motion is scaled."""
 
 _MOTION_SCHEMA = pa.schema(
     [
@@ -83,7 +82,7 @@ class Ensemble:
         self._row = {name: index for index, name in enumerate(self.record_ids)}
         self._motions: pq.ParquetFile | None = None
         self._lock = threading.Lock()
-        self.record = lru_cache(_RECORDS_IN_MEMORY)(self._sound)
+        self.record = lru_cache(RECORDS_IN_MEMORY)(self._sound)
 
     @classmethod
     def load(cls, folder: str | Path) -> "Ensemble":
@@ -258,7 +257,7 @@ def _refuse_other_motion(motion: Motion, entry: Mapping[str, Any], folder: Path)
         what = f"the motion of {name!r} does not have the hash in the catalogue"
         raise _ensemble_error("ensemble.motion_foreign", what, folder)
     pga = float(np.hypot(*motion.acceleration_m_s2[:, :2].T).max())
-    if not abs(stated - pga) <= _PGA_TOLERANCE * pga:
+    if not math.isclose(stated, pga):  # two machines' roots may differ in their last digits
         what = f"the PGA of {name!r} is {pga:.6g} m/s2, {stated:.6g} in the catalogue"
         raise _ensemble_error("ensemble.motion_foreign", what, folder)
 

@@ -12,9 +12,12 @@ from typing import Any
 from toppling.models.errors import InputError
 from toppling.models.files.table import plain
 
-_BEFORE_S, _AFTER_S = 30.0, 120.0
+_BEFORE_S = 30.0
+"""Time before the origin at which a window begins, s."""
 _SLOWEST_KM_S = 2.0
-"""A window ends `_AFTER_S` after waves of this speed arrive."""
+"""Speed of the slowest waves that a window holds."""
+_AFTER_S = 120.0
+"""Time from their arrival to the end of a window, s."""
 _BANDS = ("HN", "HL", "BN", "EN", "HG")
 """Accelerometers' bands, the preferred first."""
 _TABLE = "metadata.csv"

@@ -19,7 +19,6 @@ from toppling.models.motions.record import Record
 
 _LIMITING_CORNERS_HZ = np.geomspace(0.01, 5.0, 64)
 """High-pass corners that are tried, lowest first, to hold a peak displacement."""
-_LIMITING_ORDER = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +103,7 @@ def _within_displacement(record: Record, limit_m: float) -> tuple[Motion, Mappin
 
 def _held(motion: Motion, corner_hz: float) -> tuple[Motion, float]:
     """High-passed motion and its peak horizontal displacement, m."""
-    filtered = end_at_rest(high_pass(motion, corner_hz, _LIMITING_ORDER))
+    filtered = end_at_rest(high_pass(motion, corner_hz))
     ground = displacement_m(filtered)
     return filtered, float(np.hypot(ground[:, 0], ground[:, 1]).max())
 
@@ -112,8 +111,6 @@ def _held(motion: Motion, corner_hz: float) -> tuple[Motion, float]:
 _ORDER = 3
 _ENVELOPE_S = 0.5
 """Window over which the octave below the corner is averaged for the envelope of the octave above."""
-_HIGHEST_CORNER = 0.5
-"""Largest corner, as a fraction of the sampling frequency: the octave below is then still resolved."""
 _SAMPLES_A_PERIOD = 4
 """Least number of samples in a period of the highest frequency that is added."""
 
@@ -148,12 +145,13 @@ def with_motion_above(motion: Motion, corner_hz: float, share: float, random: np
 
 def check_step(time_step_s: float, corner_hz: float, where: str = "motion above the band") -> None:
     """Raise InputError if a motion is sampled too coarsely to tell of the octave below a corner."""
-    if time_step_s * corner_hz > _HIGHEST_CORNER:
+    nyquist_hz = 0.5 / time_step_s
+    if corner_hz > nyquist_hz:
         raise InputError(
             "motion.step_too_coarse",
             f"a time step of {time_step_s:g} s tells nothing below {corner_hz:g} Hz",
             where=where,
-            expected=f"a corner of at most {_HIGHEST_CORNER / time_step_s:g} Hz",
+            expected=f"a corner of at most {nyquist_hz:g} Hz",
             remedy="give a smaller band_hz, or finer records",
         )
 

@@ -23,9 +23,10 @@ _DAMPING = 0.05
 """Share of the critical."""
 SPECTRUM_PERIODS_S = (0.05, 0.1, 0.2, 0.3, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0, 7.5)
 """Periods at which a catalogue keeps the RotD50 spectrum."""
-_SAMPLES_A_PERIOD, _FINEST = 40, 16
-"""A response is looked at so often a period, which keeps its peak within 0.3 %, but at most at so many times the
-record's samples: between these the ground is a straight line, and the oscillator swings on."""
+_SAMPLES_A_PERIOD = 40
+"""Number of times a period at which a response is evaluated, which keeps its peak within 0.3 %."""
+_FINEST = 16
+"""Maximum number of these times in a time step of the record, in which the ground is a straight line."""
 _DISTINCT_DIRECTION_DEG = 22.5
 """Half of the study's direction bin: directions farther apart than this are distinct."""
 

@@ -12,7 +12,7 @@ import numpy as np
 from toppling.models.errors import InputError
 from toppling.models.files.documents import shown
 from toppling.models.files.folder import path_named_in
-from toppling.models.files.given import open_given, text_of
+from toppling.models.files.given import HEAD_BYTES, open_given, text_of
 from toppling.models.files.table import Table, is_numeral
 from toppling.models.motions.formats.component import (
     TIME_STEPS_S,
@@ -22,6 +22,8 @@ from toppling.models.motions.formats.component import (
     no_record,
     refuse_file,
 )
+from toppling.models.motions.formats.record_text import STEP_OFF
+from toppling.models.motions.formats.response import SAME_GAIN
 from toppling.models.motions.formats.units import counted_unit, known_names
 from toppling.models.motions.stations import Triple, triple
 
@@ -55,18 +57,13 @@ _AZIMUTHS, _CORNERS_HZ = (-360.0, 360.0), (1e-4, 100.0)
 _AROUND = re.compile(r"^M[A-Za-z]{0,2}\s*=?\s*(?=\d)|(?<!\s)\s*km$")
 """Words beside a magnitude or a distance: Mw 6.9, 12 km."""
 _NO_PEAKS = (None, None, None)
-_LONGEST_HEADER = 100_000
-_LONGEST_NAME, _LONGEST_PATH = 255, 2000
-"""Bytes of a file's name, and of its path: file systems have no longer ones."""
-
-_SAME_INSTRUMENT = 1.25
-"""Factor within which the sensitivities of one instrument's channels lie."""
+_LONGEST_NAME = 255
+"""Maximum number of bytes of a file's name: file systems have no longer ones."""
+_LONGEST_PATH = 2000
+"""Maximum number of bytes of a path, which leaves room for that of the table's folder."""
 
 _SAME_UNIT = 1e-3
 """Share by which two statements of one unit differ at most: g is 9.81 or 980 gal to some."""
-
-_SAME_STEP = 0.02
-"""Share by which two statements of one time step differ at most: tables round it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,7 +155,7 @@ def read_table(table: Path) -> list[Entry]:
 def looks_like_table(path: Path) -> bool:
     """Whether a CSV file has the columns of a metadata table."""
     with open_given(path, no_record) as file:
-        head = text_of(file.read(_LONGEST_HEADER)) or ""
+        head = text_of(file.read(HEAD_BYTES)) or ""
     lines = head.splitlines()
     headers = lines[:1] + [line for line in lines if "Acc. Filename" in line]
     return any(_names_files(Table.of([line], path).names) for line in headers)
@@ -395,11 +392,11 @@ def _scaled_to_peaks(channels: Triple, entry: Entry) -> Triple:
         if not peak or peak < 0 or about_mean == 0:
             return channels
         scales.append(peak / about_mean)
-    if max(scales) > _SAME_INSTRUMENT * min(scales):
+    if max(scales) > SAME_GAIN * min(scales):
         listed = ", ".join(f"{scale:.4g}" for scale in scales)
         entry.refuse("metadata.peaks_contradicted",
             f"the peaks that the table states scale the channels by {listed} m/s2",
-            f"one scale within a factor of {_SAME_INSTRUMENT:g}, as one instrument has",
+            f"one scale within a factor of {SAME_GAIN:g}, as one instrument has",
             "state the samples' unit in the column 'unit', or give the StationXML")  # fmt: skip
     note = (
         "mean removed, scaled to the peaks of the metadata table,"
@@ -426,7 +423,7 @@ def _step(component: Component, entry: Entry) -> float:
     by_file, by_row = component.time_step_s, entry.time_step_s
     if not math.isfinite(by_file):
         return by_row if by_row and by_row > 0 else math.nan
-    if by_row and not math.isclose(by_file, by_row, rel_tol=_SAME_STEP):
+    if by_row and not math.isclose(by_file, by_row, rel_tol=STEP_OFF):
         entry.refuse("record.step_contradicted",
             f"the time step is {by_row:g} s by the row, and {by_file:g} s by {component.path.name}",
             "one time step of the samples",

@@ -5,6 +5,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from toppling.models.files.given import LONGEST_NAME
 from toppling.models.lengths import METRES
 
 _LEAST_DEPTH_M = 3.0
@@ -41,8 +42,6 @@ def at_depth(depth_m: float) -> Place:
     return Place(0.0, f"{-depth_m:g} m above the ground") if above else Place(max(depth_m, 0.0))
 
 
-_LONGEST = 200
-"""Maximum number of characters of names and header lines that are searched."""
 _OF_SENSOR = re.compile(
     r"\b(?:(?:sensor|instrument|transducer|channel)[ _]location|(?=(?:sensor|instrument|borehole)[ _]depth))\W*(.+)",
     re.IGNORECASE,
@@ -88,7 +87,7 @@ def place_in_words(location: str) -> Place | None:
 
     A depth decides, then words for the ground's level, then those for structures.
     """
-    location = location[:_LONGEST]
+    location = location[:LONGEST_NAME]
     if found := _DEPTH.search(location):
         unit = (found["unit"] or found["of"]).lower()
         return Place(float(found["after"] or found["before"]) * METRES["ft" if unit[0] == "f" else "m"])
@@ -107,11 +106,12 @@ def place_in_words(location: str) -> Place | None:
 
 def place_in_name(station: str) -> Place:
     """Place by the end of a station's name (LACPW, 12th Fl); words inside a name are of streets and companies."""
-    found = _NAME_END.search(station[-_LONGEST:])
+    found = _NAME_END.search(station[-LONGEST_NAME:])
     return (found and place_in_words(found["end"])) or FREE_FIELD
 
 
 def place_above(lines: Sequence[str]) -> Place:
     """Place by a line of text above samples that names the sensor's location or depth; others name the earthquake's."""
-    found = next(filter(None, (_OF_SENSOR.search(line[:_LONGEST]) for line in lines[:_LONGEST])), None)
+    searched = (_OF_SENSOR.search(line[:LONGEST_NAME]) for line in lines[:LONGEST_NAME])
+    found = next(filter(None, searched), None)
     return (found and place_in_words(found[1])) or FREE_FIELD

@@ -18,31 +18,32 @@ _LOWEST_CORNER_HZ = 0.001
 """A filter with a lower corner would need hours of zeros beside the record."""
 _CORNERS_HZ = (0.05, 0.07, 0.1, 0.14, 0.2)
 """Corners that the displacement check tries, lowest first: beyond the last, shaking of M 7 itself is lost."""
-_QUIET_SHARE, _DRIFT_SHARE = 0.1, 0.25
-"""A sound displacement stays within the second share of its peak over the last, first share of the record."""
+_QUIET_SHARE = 0.1
+"""Share of the record, at its end, in which the displacement is compared with its peak."""
+_DRIFT_SHARE = 0.25
+"""Share of its peak within which a sound displacement stays there after the filter."""
 
 
 DRIFTS = "highest tried; the displacement still drifts at the end"
 """How the history says that no corner passed the displacement check."""
 
 _RETURNED_SHARE = 0.5
-"""Without a filter a sound displacement stays within this share of its peak over the last tenth of the record.
+"""The same without a filter.
 
 Of 110 records that agencies corrected 99 do; of 30 uncorrected ones each reaches .99.
 """
-_LEVEL_SHARE, _CARRIED_S = 0.05, 5.0
-"""Or it moves by less than the first share of its peak there, a permanent displacement, if the peak velocity
-could have made it in so many seconds: what drifts to and fro may be level at the end, but is far larger.
-"""
+_LEVEL_SHARE = 0.05
+"""Or it moves there by less than this share of its peak, a permanent displacement."""
+_CARRIED_S = 5.0
+"""Time in which the peak velocity could have made that, s: what drifts to and fro may be level, but is far larger."""
 
 
-def high_pass(motion: Motion, corner_hz: float, order: int = _HIGH_PASS_ORDER) -> Motion:
+def high_pass(motion: Motion, corner_hz: float) -> Motion:
     """Acausal Butterworth high-pass: no phase shift, half the power at the corner for each of its two passes.
 
     Zeros are put before and after while it runs (1.5 order / corner seconds in all, Converse and Brady 1992),
     so that the filter's transients do not fold into the record.
 
-    order: order after both passes, even.
     Raises InputError if the corner is not between zero and half the sampling rate.
     """
     nyquist_hz = 0.5 / motion.time_step_s
@@ -54,16 +55,15 @@ def high_pass(motion: Motion, corner_hz: float, order: int = _HIGH_PASS_ORDER) -
             expected=f"{_LOWEST_CORNER_HZ:g} Hz to below {nyquist_hz:g} Hz, half of the record's sampling rate",
             remedy="correct --corner, or corner_hz in the metadata table; 0.05 to 0.2 Hz is usual",
         )
-    filtered, pad = _filtered(motion, corner_hz, order)
+    filtered, pad = _filtered(motion, corner_hz)
     return Motion(filtered[pad : pad + len(motion.acceleration_m_s2)], motion.time_step_s)
 
 
-def _filtered(motion: Motion, corner_hz: float, order: int) -> tuple[NDArray[np.float64], int]:
+def _filtered(motion: Motion, corner_hz: float) -> tuple[NDArray[np.float64], int]:
     """Filter with zeros before and after; return the samples with them, and how many there are on a side."""
-    sections = scipy.signal.butter(
-        order // 2, corner_hz, btype="highpass", fs=1 / motion.time_step_s, output="sos"
-    )
-    pad = int(np.ceil(0.75 * order / corner_hz / motion.time_step_s))
+    order, rate_hz = _HIGH_PASS_ORDER, 1 / motion.time_step_s
+    sections = scipy.signal.butter(order // 2, corner_hz, btype="highpass", fs=rate_hz, output="sos")
+    pad = int(np.ceil(0.75 * order / corner_hz * rate_hz))
     padded = np.pad(motion.acceleration_m_s2, ((pad, pad), (0, 0)))
     return scipy.signal.sosfiltfilt(sections, padded, axis=0, padtype=None), pad
 
@@ -132,7 +132,7 @@ def process(motion: Motion, corner_hz: float | None = None) -> tuple[Motion, tup
 
 def _displacement_drift(motion: Motion, corner_hz: float) -> float:
     """Largest share of its peak displacement that a component reaches near its end after the filter."""
-    filtered, pad = _filtered(motion, corner_hz, _HIGH_PASS_ORDER)
+    filtered, pad = _filtered(motion, corner_hz)
     ground: NDArray[np.float64] = np.abs(displacement_m(Motion(filtered, motion.time_step_s)))
     samples = len(motion.acceleration_m_s2)
     end = ground[pad + round((1 - _QUIET_SHARE) * samples) : pad + samples].max(axis=0)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from toppling.models.motions.formats.component import Component
+from toppling.models.motions.formats.record_text import PEAK_OFF
 from toppling.models.motions.measures import STANDARD_G_M_S2
 
 
@@ -55,17 +56,20 @@ LIMITS_WORDS = (
 _QUESTIONABLE_M_S2 = 5 * STANDARD_G_M_S2
 _USUAL_PGA_M_S2, _USUAL_PGV_M_S = 1.5 * STANDARD_G_M_S2, 1.5
 _COMMON_UNITS_M_S2 = {"g": STANDARD_G_M_S2, "m/s2": 1.0, "cm/s2": 0.01, "mm/s2": 0.001}
-_OTHER_PEAK = 1.5
-"""Factor between a header's peak and that of the samples, beyond which unit, scale or samples are others."""
-_CLIPPED_SAMPLES, _CLIPPED_RUN = 10, 4
-"""Numbers of samples at the extreme, and of them in a row, from which an instrument was clipped."""
-_RAIL_SHARE, _RAIL_RUNS = 0.95, 3
-"""Least distance of a rail as a fraction of the record's farthest sample; nearer to the middle, where an offset was
-removed, only what is reached so often is one."""
+_CLIPPED_SAMPLES = 10
+"""Number of samples at the extreme from which an instrument was clipped."""
+_CLIPPED_RUN = 4
+"""Number of them in a row."""
+_RAIL_SHARE = 0.95
+"""Least distance of a rail as a fraction of the record's farthest sample."""
+_RAIL_RUNS = 3
+"""Number of runs at a rail that is nearer to the middle, where an offset was removed."""
 _SPIKE_RATIO = 8.0
 """Ratio of a sample's distance from its neighbours to the next largest one from which it is a spike."""
-_FILLED_GAP_S, _FILLED_GAP_SHARE = 0.5, 0.1
-"""Length of a constant stretch, with this fraction of the peak shortly before and after, that is a filled gap."""
+_FILLED_GAP_S = 0.5
+"""Length of a constant stretch that is a filled gap, s."""
+_FILLED_GAP_SHARE = 0.1
+"""Fraction of the peak that the shaking reaches shortly before and after it."""
 
 
 def check_samples(component: Component) -> None:
@@ -149,11 +153,7 @@ def _other_peak(component: Component, a: np.ndarray, peak: float) -> None:
     """Refuse samples whose peak, about zero or their mean, is far from that in the file's own header."""
     stated = component.stated_peak_m_s2
     peaks = (peak, float(np.abs(a - a.mean()).max()))
-    if (
-        not stated
-        or not component.unit_known
-        or any(1 / _OTHER_PEAK < p / stated < _OTHER_PEAK for p in peaks)
-    ):
+    if not stated or not component.unit_known or any(1 / PEAK_OFF < p / stated < PEAK_OFF for p in peaks):
         return
     _refuse_sample(
         "record.peak_contradicted",

@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 from toppling.models import openquake
 from toppling.models.errors import InputError
 from toppling.models.files.documents import listed, read_json, shown
-from toppling.models.files.given import text_given
+from toppling.models.files.given import LONGEST_NAME, text_given
 from toppling.models.files.table import Table, is_numeral, no_table
 from toppling.models.motions.ensemble import Ensemble
 
@@ -30,11 +30,11 @@ _OTHER_LENGTHS = re.compile(
     r"[(\[]\s*(?:m|mi|miles?|ft|feet|met(?:re|er)s?|nm|deg(?:rees)?|°)\s*[)\]]", re.IGNORECASE
 )
 """Units of distances that are not km, in brackets behind a column's name."""
-_UNEVEN, _MOST_UNEVEN = 0.1, 0.3
-"""Share, and bins, by which centres may lie nearer or farther apart than whole numbers of bins, as by rounding."""
+_UNEVEN = 0.1
+"""Share by which centres may lie nearer or farther apart than whole numbers of bins, as by rounding."""
+_MOST_UNEVEN = 0.3
+"""The most of it, in bins."""
 
-_LONGEST_NAME = 200
-"""Characters of a column's name that are looked at."""
 
 _Record = tuple[str, dict[str, str]]
 """File and line of a row, and its cells by the names of their columns."""
@@ -124,7 +124,7 @@ def _bins(file: Table) -> list[Bin]:
 
 def _plain(name: str) -> str:
     """Name of a column in lower case, without its unit."""
-    bare = re.sub(r"[(\[][^)\]]*[)\]]", "", name[:_LONGEST_NAME].lower()).replace("_", " ")
+    bare = re.sub(r"[(\[][^)\]]*[)\]]", "", name[:LONGEST_NAME].lower()).replace("_", " ")
     return " ".join(bare.removesuffix(" km").split())
 
 
@@ -193,7 +193,7 @@ def _widths(table: Path, distances_km: Sequence[float], magnitudes: Sequence[flo
         steps = [(b - a) / (width or 1.0) for a, b in pairwise(known)]
         if any(abs(step - round(step)) > min(_UNEVEN * step, _MOST_UNEVEN) for step in steps):
             _refuse("deaggregation.bins_uneven", table,
-                f"has centres of bins that are not equally wide: {listed([f'{centre:g}' for centre in known], 8)}",
+                f"has centres of bins that are not equally wide: {listed([f'{centre:g}' for centre in known])}",
                 "give magnitude_low, magnitude_high, distance_low_km and distance_high_km")  # fmt: skip
     return widths[0] or 0.0, widths[1] or 0.0
 
@@ -227,7 +227,7 @@ def _chosen(
     """Rows of one measure and probability, and which that is."""
     imts = list(dict.fromkeys(record["imt"] for _, record in records))
     if imt is not None and imt not in imts:
-        _refuse("deaggregation.measure_not_there", table, f"is over {listed(imts, 12)}, not over {imt}",
+        _refuse("deaggregation.measure_not_there", table, f"is over {listed(imts)}, not over {imt}",
             "give one of these as --imt")  # fmt: skip
     measure = imt or next(iter(imts), "")
     of_measure = [
@@ -239,12 +239,12 @@ def _chosen(
     known = [p for p in poes if poe is None or math.isclose(p, poe, rel_tol=1e-3)]
     if not known:
         _refuse("deaggregation.probability_not_there", table,
-            f"has the probabilities {listed([f'{p:g}' for p in poes], 12)}" if poes else "has no row",
+            f"has the probabilities {listed([f'{p:g}' for p in poes])}" if poes else "has no row",
             "give one of these as --poe")  # fmt: skip
     rows = [record for p, record in of_measure if p == known[0]]
     others = [f"--imt {name}" for name in imts if name != measure]
     others += [f"--poe {p:g}" for p in poes if p != known[0]]
-    more = f"; others with {listed(others, 6)}" if others else ""
+    more = f"; others with {listed(others)}" if others else ""
     level = rows[0][1].get("iml", "?")
     return rows, f"{measure} of {level}, probability {known[0]:g} in {years or '?'} years{more}"
 

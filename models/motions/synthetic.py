@@ -19,12 +19,25 @@ from toppling.models.motions.processing import end_at_rest, high_pass
 from toppling.models.motions.record import Record
 
 _TIME_STEP_S = 0.01
-_DENSITY_KG_M3, _SHEAR_VELOCITY_M_S = 2800.0, 3500.0
+_DENSITY_KG_M3 = 2800.0
+"""Density at the source (Atkinson and Silva 2000)."""
+_SHEAR_VELOCITY_M_S = 3500.0
+"""Shear-wave velocity at the source (Atkinson and Silva 2000)."""
 _RADIATION, _FREE_SURFACE, _PARTITION = 0.55, 2.0, 1 / np.sqrt(2)
-_REFERENCE_DISTANCE_KM, _CROSSOVER_KM = 1.0, 40.0
-_QUALITY_AT_1_HZ, _QUALITY_EXPONENT = 180.0, 0.45
+_CROSSOVER_KM = 40.0
+"""Distance beyond which waves spread as 1 / sqrt(R) instead of 1 / R."""
+_QUALITY_AT_1_HZ = 180.0
+"""Quality factor Q of the path at 1 Hz."""
+_QUALITY_EXPONENT = 0.45
+"""Power of the frequency with which Q grows."""
 _MEDIAN_KAPPA_S = 0.035
-_WINDOW_PEAK_SHARE, _WINDOW_END_SHARE, _WINDOW_LENGTH = 0.2, 0.05, 2.0
+"""Median kappa of Californian rock, s."""
+_WINDOW_PEAK_SHARE = 0.2
+"""Share of the window's length before its peak."""
+_WINDOW_END_SHARE = 0.05
+"""Share of the peak that the window has at its end."""
+_WINDOW_LENGTH = 2.0
+"""Length of the window in durations of the shaking."""
 _ROCK_AMPLIFICATION = (
     (0.01, 0.09, 0.16, 0.51, 0.84, 1.25, 2.26, 3.17, 6.05, 16.6, 61.2),
     (1.00, 1.10, 1.18, 1.42, 1.58, 1.74, 2.06, 2.25, 2.58, 3.13, 4.00),
@@ -39,6 +52,7 @@ shaking of one spectrum peaks lower. It brings PGA and response spectra to the e
 _LOW_CUT_HZ = 0.05
 _PULSE_DISTANCE_KM = (5.0, 15.0)
 _MEDIAN_PULSE_VELOCITY_M_S = 0.9
+"""Median amplitude of its velocity."""
 
 
 @dataclass(frozen=True)
@@ -142,13 +156,11 @@ def acceleration_spectrum_m_s(frequency_hz: NDArray[np.float64], scenario: Scena
     lower, upper, weight = _corner_frequencies_hz(scenario.magnitude)
     moment_n_m = 10 ** (1.5 * scenario.magnitude + 9.05)
     stiffness = 4 * np.pi * _DENSITY_KG_M3 * _SHEAR_VELOCITY_M_S**3
-    constant = _RADIATION * _FREE_SURFACE * _PARTITION / (stiffness * _REFERENCE_DISTANCE_KM * 1000)
+    constant = _RADIATION * _FREE_SURFACE * _PARTITION / (stiffness * 1000)
     f = frequency_hz
     source = moment_n_m * ((1 - weight) / (1 + (f / lower) ** 2) + weight / (1 + (f / upper) ** 2))
     distance = _effective_distance_km(scenario.magnitude, scenario.distance_km)
-    spreading = (
-        _REFERENCE_DISTANCE_KM / min(distance, _CROSSOVER_KM) * np.sqrt(min(1.0, _CROSSOVER_KM / distance))
-    )
+    spreading = 1.0 / min(distance, _CROSSOVER_KM) * np.sqrt(min(1.0, _CROSSOVER_KM / distance))
     quality = _QUALITY_AT_1_HZ * np.maximum(f, 1e-9) ** _QUALITY_EXPONENT
     path = spreading * np.exp(-np.pi * f * distance * 1000 / (quality * _SHEAR_VELOCITY_M_S))
     amplification = np.interp(

@@ -17,12 +17,13 @@ from toppling.models.pedestal import ContactProperties
 from toppling.models.scene import Scene
 from toppling.orchestrator.public import unseen
 from toppling.orchestrator.run_folder import place_in
+from toppling.results.analysis import FEW
 from toppling.results.analysis import fragility as maps
 from toppling.results.analysis.audit_statistics import Audit, audits_of
 from toppling.results.analysis.exchange import read_curves
 from toppling.results.analysis.fits import answered
 from toppling.results.analysis.fragility import by_surroundings, frictions, least_sector
-from toppling.results.analysis.lognormal import FEW_TOPPLED, Lognormal
+from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.analysis.plane_reference import reference_lines, simulate
 from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.drawing import run_figures
@@ -74,7 +75,7 @@ class Fragility(Described):
             "fragility.no_curve",
             f"no curve over {f'{measure} {contact}'.strip()}; curves are over: {', '.join(known) or 'none'}",
             where=str(self.run.path),
-            expected=f"a measure and a contact with a curve, which at least {FEW_TOPPLED} toppled jobs bear",
+            expected=f"a measure and a contact with a curve, which at least {FEW} toppled jobs bear",
             remedy="correct the name, ask for fit=True, or add levels at which more jobs topple",
         )
 

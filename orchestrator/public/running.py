@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
 
-from toppling.models.files.stores import at_hand, written_by_one
+from toppling.models.files.stores import at_hand, sole_writer
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.models.settling import Settling
@@ -152,7 +152,7 @@ def run(
     chosen = campaign if isinstance(campaign, Campaign) else Campaign.read(campaign)
     folder = at_hand(out)
     where = cluster if cluster is not None else local(workers or os.cpu_count() or 1)
-    with written_by_one(folder, take_over=take_over) as check_writer:
+    with sole_writer(folder, take_over=take_over) as check_writer:
 
         def watching(progress: RunProgress) -> None:
             check_writer()

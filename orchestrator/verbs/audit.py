@@ -30,7 +30,7 @@ def audit(run: Path, jobs: int, take_over: bool, as_json: bool, **where: Any) ->
     toppling audit runs/first --jobs 200 --workers 2
     """
     from toppling.models.errors import InputError
-    from toppling.models.files.stores import written_by_one
+    from toppling.models.files.stores import sole_writer
     from toppling.orchestrator.campaign import Campaign
     from toppling.orchestrator.context import RunProgress, Work
     from toppling.orchestrator.dask_cluster import check_workers
@@ -59,7 +59,7 @@ def audit(run: Path, jobs: int, take_over: bool, as_json: bool, **where: Any) ->
             remedy="let the run go on, or give more --jobs",
         )
     with (
-        written_by_one(run, take_over=take_over),
+        sole_writer(run, take_over=take_over),
         watcher() as watch,
         journal(run),
         cluster_of(run, **where) as client,

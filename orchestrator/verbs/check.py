@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from toppling.models.files.documents import MOST_SHOWN
 from toppling.orchestrator.cli import OneOf
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.verbs import shared_options as shared
@@ -24,9 +25,6 @@ if TYPE_CHECKING:
     from toppling.orchestrator.studies.seismograms import Verdict
 
 _CHECK = "studies.seismograms.check"
-
-_SCENARIOS_SHOWN = 12
-"""Maximum number of scenarios (columns) in the printed table."""
 
 
 @click.command()
@@ -126,13 +124,13 @@ def _check_table(table: Path, seismograms: Sequence[Path], *, as_json: bool) -> 
 
 
 def _show_matrix(rows: "pd.DataFrame", matrix: "pd.DataFrame") -> None:
-    shown = matrix.iloc[:, :_SCENARIOS_SHOWN]
+    shown = matrix.iloc[:, :MOST_SHOWN]
     words = [
         (str(rock), *("-" if math.isnan(share) else f"{share:.2f}" for share in fractions))
         for rock, fractions in shown.iterrows()
     ]
     show_table(("rock", *map(str, shown.columns)), words, (0,))
-    if (left := matrix.shape[1] - _SCENARIOS_SHOWN) > 0:
+    if (left := matrix.shape[1] - MOST_SHOWN) > 0:
         click.echo(f"({left} more scenarios: --out and --json give all)")
     toppled = int(rows["outcome"].isin(TOPPLED_OUTCOMES).sum())
     click.echo(

@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 
     from toppling.results.hazard.magnitudes import Exclusions
 
-_STATED_CHANGE = 5e-4
-"""Smallest change of a probability that is reported."""
 _PRINTED_DISTANCES_KM = (1, 2, 5, 10, 20, 50, 100)
 """Distances whose largest allowed magnitudes are printed, km."""
 
@@ -256,7 +254,7 @@ def _write(answer: "Exclusions", out: Path, statement: dict[str, Any]) -> None:
 
 
 def _words(statement: dict[str, Any]) -> str:
-    from toppling.results.drawing.sentences import age_words, fragility_words
+    from toppling.results.drawing.sentences import LEAST_FRACTION, age_words, fragility_words
     from toppling.results.hazard.magnitudes import REFERENCE
 
     models = ", ".join(f"{model['name']} ({model['weight']:.3g})" for model in statement["models"])
@@ -269,7 +267,7 @@ def _words(statement: dict[str, Any]) -> str:
             lines.append(f"  nothing is excluded, not even magnitude {most:g} at {near:g} km")
         else:
             lines += [f"  {line}" for line in _distance_lines(case)]
-        if case["topples_ergodic"] - case["topples"] > _STATED_CHANGE:
+        if case["topples_ergodic"] - case["topples"] > LEAST_FRACTION:
             lines.append(
                 f"  {at} it topples with {case['topples']:.3f}; were the site's own term drawn anew in each "
                 f"earthquake, with {case['topples_ergodic']:.3f}"

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from toppling.models.errors import InputError, counted
+from toppling.models.files.documents import MOST_SHOWN
 from toppling.models.files.folder import instead
 from toppling.orchestrator.cli import OneOf, Verbs
 from toppling.orchestrator.progress import bar
@@ -20,10 +21,6 @@ if TYPE_CHECKING:
     from toppling.models.motions.ensemble import Ensemble
     from toppling.models.motions.importing import Import, Refusal
     from toppling.models.motions.selection import Deaggregation
-
-
-_MOST_EMPTY = 6
-"""Maximum number of deaggregation bins without a record that are listed, by falling contribution."""
 
 
 @click.command()
@@ -114,11 +111,11 @@ def _hazard_weights(ensemble: "Ensemble", names: list[str], hazard: "Deaggregati
         click.echo(f"weighted for {hazard.of}")
     weights, empty = hazard_weights(ensemble, names, hazard.bins)
     empty.sort(key=lambda b: -b.contribution)
-    for b in empty[:_MOST_EMPTY]:
+    for b in empty[:MOST_SHOWN]:
         click.echo(f"no record for magnitude {b.magnitude}, distance {b.distance_km} km", err=True)
     if empty:
         share = sum(b.contribution for b in empty) / sum(b.contribution for b in hazard.bins)
-        more = f"and {len(empty) - _MOST_EMPTY} more bins: " if len(empty) > _MOST_EMPTY else ""
+        more = f"and {len(empty) - MOST_SHOWN} more bins: " if len(empty) > MOST_SHOWN else ""
         click.echo(f"{more}{100 * share:.3g} % of the hazard has no record", err=True)
     return weights
 
@@ -135,10 +132,6 @@ def _refuse_existing_ensemble(out: Path, replace: bool) -> None:
             expected="a new folder",
             remedy="choose another --out, or replace it with --replace",
         )
-
-
-_MOST_NOTES = 20
-"""Maximum number of printed notes."""
 
 
 def _import_json(ensemble: "Ensemble", outcome: "Import") -> None:
@@ -207,10 +200,10 @@ def _show_catalog(rows: list[dict]) -> None:
 
 def show_notes(notes: list[tuple[str, str]]) -> None:
     """Print warnings on records to standard error, one per line."""
-    for name, what in notes[:_MOST_NOTES]:
+    for name, what in notes[:MOST_SHOWN]:
         click.echo(f"note on {name}: {what}", err=True)
-    if len(notes) > _MOST_NOTES:
-        rest = len(notes) - _MOST_NOTES
+    if len(notes) > MOST_SHOWN:
+        rest = len(notes) - MOST_SHOWN
         click.echo(f"{rest} more notes: each record's history has its own ('records show --json')", err=True)
 
 

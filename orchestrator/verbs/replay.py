@@ -76,7 +76,7 @@ def replay(run: Path, job: str, out: Path | None) -> None:
             "; ".join(filter(None, differing)),
             where=f"job {job_id}",
             expected="the answer of the run",
-            remedy=_whence(row["kernels"]),
+            remedy=_possible_cause(row["kernels"]),
         )
     else:
         click.echo("The answer is that of the run.")
@@ -149,7 +149,7 @@ def specification(run: Path, job: str) -> "tuple[JobSpec, str]":
     return JobSpec(scene_id=scene.id, record_sha=sha, **campaign.settings, **chosen), job_id
 
 
-def _whence(kernels: str | None) -> str:
+def _possible_cause(kernels: str | None) -> str:
     """Possible cause of a different answer: another version, or another machine."""
     from toppling.orchestrator.code_identity import processor
 

@@ -36,7 +36,7 @@ FAILED_JOBS = 3
 _AGAIN = ("crashed", "timeout", "failed")
 """Statuses that may have a transient cause. Undecided and diverged jobs would have the same result again."""
 
-NOT_RESUMED = ("again", "report", "as_json", "dry_run", "take_over", "no_estimate")
+NOT_RESUMED = ("again", "report", "as_json", "dry_run", "take_over")
 """Options that a resuming call does not repeat."""
 
 
@@ -84,9 +84,6 @@ def _precision(context: click.Context, parameter: click.Parameter, value: str | 
 )  # fmt: skip
 @option("--performance-report", "report", type=shared.FILE, help="Write Dask's performance report (HTML).")
 @shared.take_over_option
-@option(
-    "--no-estimate", is_flag=True, hidden=True, expose_value=False
-)  # of scripts from before runs told it themselves
 @shared.json_option("Print the summary as JSON.")
 def run(
     campaign: Path,

@@ -245,7 +245,7 @@ def of_batch_job(where: dict[str, Any]) -> dict[str, str | None]:
     return {name: where[f"of_job_{name}"] for name in ("queue", "account", "walltime", "memory")}
 
 
-def _ways(where: dict[str, Any]) -> list[str]:
+def _selections(where: dict[str, Any]) -> list[str]:
     """Given options that select a cluster."""
     names = {"workers": "--workers", "queue_kind": "--queue", "scheduler": "--scheduler"}
     return [option for name, option in names.items() if where[name]]
@@ -253,7 +253,7 @@ def _ways(where: dict[str, Any]) -> list[str]:
 
 def local_workers(where: dict[str, Any]) -> int:
     """Initial number of local workers; 0 where jobs run elsewhere."""
-    selected = _ways(where)
+    selected = _selections(where)
     if selected == ["--workers"]:
         return where["workers"].low
     return 0 if selected or os.environ.get("DASK_SCHEDULER_ADDRESS") else os.cpu_count() or 1
@@ -264,7 +264,7 @@ def cluster_of(folder: Path, **where: Any) -> AbstractContextManager:
     from toppling.orchestrator.cluster import existing, gateway, local, queue
 
     workers, queue_kind, scheduler = where["workers"], where["queue_kind"], where["scheduler"]
-    if len(selected := _ways(where)) > 1:
+    if len(selected := _selections(where)) > 1:
         raise click.UsageError(f"{' and '.join(selected)} exclude each other")
     begin = local_workers(where)
     if queue_kind:

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from toppling.models.errors import InputError
+from toppling.models.files.documents import MOST_SHOWN
 from toppling.orchestrator.loopback import TEXT, Answers, Loopback
 from toppling.orchestrator.progress import duration, pace
 from toppling.orchestrator.status import state_of
@@ -27,9 +28,6 @@ from toppling.results.reader import Run, open_run
 
 if TYPE_CHECKING:
     import pandas as pd
-
-_LATEST = 12
-"""Number of topplings listed."""
 
 _CACHED_S = 1.5
 """Time for which the state is cached, s."""
@@ -113,7 +111,9 @@ def _map(name: str, jobs: "pd.DataFrame") -> dict[str, Any]:
 def _latest(frame: "pd.DataFrame") -> list[dict[str, Any]]:
     """Most recently stored topplings, newest first."""
     toppled = frame[frame["toppled"].fillna(value=False).astype(bool)]
-    newest = toppled.sort_values(["finished_at", "job_id"], ascending=False, na_position="last").head(_LATEST)
+    newest = toppled.sort_values(["finished_at", "job_id"], ascending=False, na_position="last").head(
+        MOST_SHOWN
+    )
     names = ["job_id", "record_id", "level_pga_m_s2", "azimuth_deg", "falls_toward_deg", "topple_time_s"]
     rounded = newest[names].round({"falls_toward_deg": 0, "topple_time_s": 2})
     return json.loads(rounded.to_json(orient="records"))

@@ -1,8 +1,11 @@
 """Statistics of a run's result rows: toppling probabilities, fragility curves and their uncertainty. No drawing."""
 
 __all__ = [
+    "CONFIDENCE",
     "DIRECTION_BINS",
+    "FEW",
     "HEADLINE_MEASURE",
+    "NARROW_RECORDS",
     "SAMPLES",
     "audit_statistics",
     "constraint",
@@ -18,6 +21,15 @@ __all__ = [
 
 SAMPLES = 200
 """Number of bootstrap resamples of the records, for intervals of 95 %."""
+
+CONFIDENCE = 0.95
+"""Probability of the intervals, and of what a standing rock excludes unless another one is asked for."""
+
+FEW = 10
+"""Number of records, topplings or events below which what rests on them is not stated: its error is a third."""
+
+NARROW_RECORDS = 20
+"""Number of records below which intervals over them are too narrow, and tests of their scatter too wide."""
 
 DIRECTION_BINS = 8
 """Default number of direction bins around the circle."""

@@ -33,9 +33,6 @@ from toppling.models.motions.measures import OPENQUAKE
 from toppling.results.analysis.lognormal import Basis, Lognormal, Resampled, Surface
 from toppling.results.hazard.measure_names import imt_of, is_spectral, measure_of, measure_with_unit
 
-_LARGEST_BYTES = 20_000_000
-"""Largest file of curves that is read, bytes: about a thousand rocks with their bootstrap samples."""
-
 _SPACE = "http://openquake.org/xmlns/nrml/0.5"
 _FIELDS = ("measure", "median", "beta")
 _INTERVAL = ("median_low", "median_high")
@@ -158,7 +155,7 @@ def _read(
     if path.suffix not in (".xml", ".csv", ".json"):
         raise _suffix_error(path)
     try:
-        text = text_given(path, _curve_error, _LARGEST_BYTES)
+        text = text_given(path, _curve_error)
         return of_nrml(text, path) if path.suffix == ".xml" else of_rows(_rows(text, path))
     except InputError:
         raise

@@ -10,10 +10,7 @@ from scipy.special import ndtri
 
 from toppling.models.arrays import Array
 from toppling.models.frames import compass_deg
-from toppling.results.analysis import DIRECTION_BINS
-
-THIN_RECORDS = 10
-"""Number of distinct records below which a cell is marked: its 95 % interval can span half of the scale."""
+from toppling.results.analysis import DIRECTION_BINS, FEW
 
 CONTACT_COLUMNS = ("scene_id", "engine", "preset", "friction_static", "friction_kinetic", "restitution")
 """Columns of scene, engine and contact: jobs that differ in any of them are never pooled."""
@@ -169,7 +166,7 @@ def cells(frame: pd.DataFrame, plane: Plane) -> pd.DataFrame:
     )
     table["probability"] = probability
     table["wilson_low"], table["wilson_high"] = wilson(probability, counts["effective"])
-    table["thin"] = counts["effective"] < THIN_RECORDS
+    table["thin"] = counts["effective"] < FEW
     return table
 
 

@@ -11,6 +11,7 @@ from scipy.optimize import linprog
 from scipy.special import expit, log_ndtr, ndtr, ndtri, stdtrit
 
 from toppling.models.arrays import Array
+from toppling.results.analysis import FEW
 from toppling.results.reader import Completeness
 from toppling.results.schema import SCHEMA, describe
 
@@ -231,19 +232,16 @@ NEAR_TIE = 1e-6
 """Relative difference below which two intensities are equal: jobs of one level differ by rounding alone."""
 
 
-FEW_TOPPLED = 10
-"""Minimum number of topplings for a curve."""
-
 SURFACES = (("pga_m_s2", "pgv_m_s"), ("pga_m_s2", "pgv_pga_s"))
 """Pairs of measures that are fitted jointly. On logarithms both are the same model; both are plotted."""
 
 LINKS = {"probit": ndtr, "logit": expit}
 """Inverse link functions: probability of a linear predictor."""
 
-_STEPS = 100
+STEPS = 100
 """Maximum number of Fisher scoring steps."""
 _EPSILON = float(np.finfo(float).eps)
-_TOLERANCE = 1e-9
+TOLERANCE = 1e-9
 """Convergence tolerance of a coefficient, relative to the larger of itself and 1."""
 
 _EDGES = {"probit": -float(ndtri(_EPSILON)), "logit": -math.log(_EPSILON)}
@@ -294,9 +292,7 @@ class Fit:
         return LINKS[self.link](design_of(frame, self.measures) @ np.array(self.coefficients))
 
 
-def fit(
-    frame: pd.DataFrame, measures: Sequence[str], link: str = "probit", least_toppled: int = FEW_TOPPLED
-) -> Fit:
+def fit(frame: pd.DataFrame, measures: Sequence[str], link: str = "probit", least_toppled: int = FEW) -> Fit:
     """Fit toppling probability to one or several intensity measures by maximum likelihood.
 
     frame: rows of results with an answer (`answered`).
@@ -383,10 +379,10 @@ def scored(design: Array, share: Array, trials: Array, link: str, start: Array) 
     found, left = np.full((len(trials), design.shape[1]), np.nan), np.arange(len(trials))
     at = np.tile(start, (len(trials), 1))
     with np.errstate(all="ignore"):  # samples with NaN stay in the search and do not converge
-        for _ in range(_STEPS):
+        for _ in range(STEPS):
             step = _step(design, share, trials[left], link, at)
             at = at + step
-            ended = (np.abs(step) <= _TOLERANCE * np.maximum(np.abs(at), 1.0)).all(axis=1)
+            ended = (np.abs(step) <= TOLERANCE * np.maximum(np.abs(at), 1.0)).all(axis=1)
             found[left[ended]] = at[ended]
             left, at = left[~ended], at[~ended]
             if not len(left):

@@ -15,7 +15,7 @@ from scipy.special import log_ndtr, logsumexp, ndtri, stdtrit
 from toppling.models.arrays import Array, Flags, Indices
 from toppling.models.hidden_base.intervals import inspection_sentence
 from toppling.models.proportions import effective_number
-from toppling.results.analysis import SAMPLES
+from toppling.results.analysis import CONFIDENCE, SAMPLES
 from toppling.results.analysis.lognormal import (
     Fit,
     Resampled,
@@ -203,8 +203,8 @@ def sampled(
     return replace(fitted, resampled=bootstrap(frame, fitted, samples, advance=advance))
 
 
-_TAIL = 0.975
-"""Quantile whose Student's t widens the samples: the upper end of a 95 % interval."""
+_TAIL = (1.0 + CONFIDENCE) / 2.0
+"""Quantile whose Student's t widens the samples: the upper end of an interval."""
 
 _FARTHEST = 4.0
 """Largest distance of a refit from the fit, in natural logarithms of median and beta, for which it is reflected."""

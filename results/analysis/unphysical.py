@@ -15,9 +15,6 @@ from toppling.results.analysis import fits, lognormal
 from toppling.results.analysis.fragility import chief
 from toppling.results.reader import Run
 
-_MOST_NAMED = 3
-"""Maximum number of records named in a sentence."""
-
 
 @dataclass(frozen=True)
 class Strongest:
@@ -62,7 +59,7 @@ class Unphysical:
         )
         return (
             f"{self.jobs:,} of {self.of_jobs:,} jobs shook beyond what was ever recorded ({LIMITS_WORDS}){part}: "
-            f"{listed(named, _MOST_NAMED)}. {self._change}"
+            f"{listed(named)}. {self._change}"
         )
 
     @property

@@ -14,6 +14,7 @@ from scipy.special import ndtr, ndtri
 
 from toppling.models.arrays import Array
 from toppling.models.motions.measures import COMPARED
+from toppling.results.analysis import NARROW_RECORDS
 from toppling.results.analysis.lognormal import Lognormal, Surface
 from toppling.results.analysis.resampling import LEAST_RECORDS
 from toppling.results.drawing.style import (
@@ -181,10 +182,6 @@ def _crossing(coefficients: np.ndarray, x: np.ndarray, share: float) -> np.ndarr
     return np.where(other > 0, level, math.inf)
 
 
-_NARROW_RECORDS = 20
-"""Number of records below which intervals are reported as too narrow."""
-
-
 def fit_table(summary: pd.DataFrame, known: pd.DataFrame) -> pd.DataFrame:
     """Table of fits for a page, without numbers for medians beyond the strongest shaking."""
     strongest = [float(known[name].max()) for name in summary["measures"]]
@@ -218,8 +215,8 @@ def few_records(records: int) -> str:
             f"{records} {'record is' if records == 1 else 'records are'} too few: fewer than {LEAST_RECORDS} give "
             "no interval over records."
         )
-    if records < _NARROW_RECORDS:
-        return f"With {records} records, fewer than about {_NARROW_RECORDS}, the intervals are too narrow."
+    if records < NARROW_RECORDS:
+        return f"With {records} records, fewer than about {NARROW_RECORDS}, the intervals are too narrow."
     return ""
 
 

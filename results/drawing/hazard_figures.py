@@ -13,8 +13,9 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import ArrayLike
 
 from toppling.models.arrays import Array
+from toppling.models.files.documents import MOST_NAMED
 from toppling.results.analysis.constraint import Constraint
-from toppling.results.drawing.sentences import MOST_NAMED, ages_words, share_words
+from toppling.results.drawing.sentences import ages_words, share_words
 from toppling.results.drawing.style import (
     COLOURS,
     FULL_WIDTH_IN,

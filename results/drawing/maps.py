@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from toppling.results.analysis import FEW
 from toppling.results.analysis.fragility import (
     FRICTION,
-    THIN_RECORDS,
     Axis,
     DirectionCells,
     Plane,
@@ -30,19 +30,17 @@ from toppling.results.drawing.style import (
     COLOURS,
     FULL_WIDTH_IN,
     HALF_WIDTH_IN,
+    LETTERS_PER_IN,
     LINE_IN,
     MAIN_COLOUR,
     THIN_ALPHA,
     style,
 )
 
-_PALE = f"Pale: fewer than {THIN_RECORDS} records."
+_PALE = f"Pale: fewer than {FEW} records."
 
 _LAST_TICK = 0.85
 """Fraction of a small panel's width beyond which ticks have no label, which would overlap the next panel's first."""
-
-_NARROW_LETTERS = 62
-"""Maximum number of characters of a line of a narrow figure's caption."""
 
 _NO_RECORDS = "no records"
 
@@ -95,8 +93,8 @@ def direction_figure(
         *_left_out(plane, counted.unplaced, 0),
         *_reference_text(reference),
     ]
-    if width_in < FULL_WIDTH_IN:
-        caption = [part for line in caption for part in wrap(line, _NARROW_LETTERS, break_on_hyphens=False)]
+    letters = int(LETTERS_PER_IN * width_in)
+    caption = [part for line in caption for part in wrap(line, letters, break_on_hyphens=False)]
     with style():
         height = 0.9 + 2.1 * lines + LINE_IN * (len(caption) + bool(title))
         figure = Figure(figsize=(width_in, height))
@@ -297,7 +295,7 @@ def _draw_pair(axes: Axes, cells: pd.DataFrame, counts: pd.Series) -> None:
         )  # fmt: skip
         axes.scatter(
             [], [], s=12.0, facecolors=face, linewidths=0.7, edgecolors=MAIN_COLOUR,
-            label=f"cells of {'<' if thin else '≥'} {THIN_RECORDS} records",
+            label=f"cells of {'<' if thin else '≥'} {FEW} records",
         )  # fmt: skip
     for (x, y), several in places.groupby(["reference_probability", "probability"])["cells"].sum().items():
         if several > 2:  # coinciding cells

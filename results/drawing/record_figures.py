@@ -17,8 +17,8 @@ from toppling.results.drawing.style import COLOURS, FULL_WIDTH_IN, cut, plain_lo
 
 _FENCE = 3.0
 """Distance above the third quartile, in interquartile ranges, beyond which a value is an outlier."""
-_MOST_NAMED, _LONGEST_NAME = 3, 22
-"""Maximum number of outliers named above a panel, and maximum number of characters of a name."""
+_MOST_NAMED = 3
+"""Maximum number of outliers named above a panel."""
 _INSET_IN = 0.04
 """Distance of an outlier's triangle from the edge that it marks, inches."""
 _LEAST_KM = 0.1
@@ -107,7 +107,7 @@ def scatter(axes: Axes, x: Array, y: Array, names: list[str], colour: object) ->
             linewidths=0, transform=axes.transData + inward,
         )  # fmt: skip
         farthest = some[np.argsort(value[some])] if marker == "v" else some[np.argsort(-value[some])]
-        lines += [f"{sign} {cut(names[index], _LONGEST_NAME)}: {value[index]:.3g}" for index in farthest]
+        lines += [f"{sign} {cut(names[index])}: {value[index]:.3g}" for index in farthest]
     more = [f"and {len(lines) - _MOST_NAMED} more beyond"] if len(lines) > _MOST_NAMED else []
     axes.set_title("\n".join(lines[:_MOST_NAMED] + more), size=6.5, loc="right")
 

@@ -430,8 +430,10 @@ def _fit_of(registration: Mapping[str, Any]) -> str:
     )
 
 
-_PAGE_HZ, _PAGE_POSES = 25.0, 1500
-"""Rate of the poses in a page, Hz, and their maximum number."""
+PAGE_HZ = 25.0
+"""Rate of the poses in a page, Hz."""
+_PAGE_POSES = 1500
+"""Maximum number of poses in a page."""
 
 _TRACE_SAMPLES = 3000
 """Maximum number of samples of each component of ground motion in a page: the resolution of a screen."""
@@ -469,7 +471,7 @@ def replay_page(replay: Replay, title: str) -> str:
 
     title: heading with the rock's name, the shaking and the outcome.
     """
-    times = shown_times(replay, _PAGE_HZ, _PAGE_POSES)
+    times = shown_times(replay, PAGE_HZ, _PAGE_POSES)
     position, turn = replay.at(times)
     target, radius = _framed(replay, position)
     stage = _stage(replay.scene, target, radius, azimuth_across(replay))

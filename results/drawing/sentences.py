@@ -4,12 +4,13 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from toppling.models.files.documents import listed
+from toppling.models.files.documents import MOST_NAMED, listed
+from toppling.results.analysis import FEW
 from toppling.results.analysis.lognormal import CAUSES, Lognormal, parts_words
 from toppling.results.drawing.style import LETTERS_PER_IN, digits, printed_unit, short_name, within
 from toppling.results.hazard.events import Standing
 from toppling.results.hazard.places import SITE_REACH_KM
-from toppling.results.hazard.update import LEAST_EVENTS, RATES
+from toppling.results.hazard.update import RATES
 from toppling.results.weights import sentences
 
 
@@ -46,13 +47,10 @@ def interval_words(numbers: dict[str, Any], strongest: float | None) -> str:
     return f" (95 %: {low:.2g} to {end}{'; ' if parts else ''}{parts})"
 
 
-MOST_NAMED = 6
-"""Maximum number of branches that are listed individually."""
-
 LARGEST_FACTOR = 1e3
 """Largest scale factor of motions or rates that is reported; beyond it any factor is allowed for practical purposes."""
 
-_LEAST_FRACTION = 5e-4
+LEAST_FRACTION = 5e-4
 """Smallest fraction of a toppling rate or of weight that is reported: 0.1 % after rounding."""
 
 _LEAST_AGE_YEARS = 100.0
@@ -385,14 +383,14 @@ def _tree_lines(statement: dict[str, Any]) -> list[str]:
     lines = []
     for level in dict.fromkeys(row["level"] for row in statement.get("levels", ())):
         rows = [row for row in statement["levels"] if row["level"] == level]
-        if rows[0]["moved"] < _LEAST_FRACTION:
+        if rows[0]["moved"] < LEAST_FRACTION:
             continue
         lines.append(
             f"logic-tree level {level}: the rocks move {share_words(rows[0]['moved'])} of its weight ("
             + ", ".join(f"{r['choice']} {_change(r['prior_weight'], r['posterior_weight'])}" for r in rows)
             + ")"
         )
-    if parts := [part for part in statement.get("parts", ()) if (part["share"] or 0.0) >= _LEAST_FRACTION]:
+    if parts := [part for part in statement.get("parts", ()) if (part["share"] or 0.0) >= LEAST_FRACTION]:
         named = ", ".join(f"{share_words(part['share'])} is from {part['part']}" for part in parts)
         lines.append(f"Of the toppling rate, {named}.")
     return lines
@@ -437,15 +435,13 @@ def _event_lines(statement: dict[str, Any]) -> list[str]:
         lines.append(
             f"Fewer than ten events support a rate of {rate_words(RATES[0])} or less: none is stated."
         )
-    few = [row["name"] for row in branches if 0 < row["effective_events"] < LEAST_EVENTS]
+    few = [row["name"] for row in branches if 0 < row["effective_events"] < FEW]
     none = [row["name"] for row in branches if row["effective_events"] == 0]
     if few:
-        lines.append(
-            f"Fewer than {LEAST_EVENTS:g} events bear the toppling rate of {listed(few, 4)}: simulate more years."
-        )
+        lines.append(f"Fewer than {FEW} events bear the toppling rate of {listed(few)}: simulate more years.")
     if none:
         lines.append(
-            f"No event topples under {listed(none, 4)}: its true rate may be up to 3 events in the time simulated."
+            f"No event topples under {listed(none)}: its true rate may be up to 3 events in the time simulated."
         )
     best, least = models[0], models[-1]
     if len(models) > 1 and best["bayes_factor"] is None:

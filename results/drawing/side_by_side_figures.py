@@ -12,7 +12,7 @@ from toppling.models.errors import counted
 from toppling.models.scene import Scene
 from toppling.results.analysis.side_by_side import RockResults
 from toppling.results.drawing.fit_figures import draw_band
-from toppling.results.drawing.scene_figures import draw_view
+from toppling.results.drawing.scene_figures import ELEVATION_DEG, draw_view
 from toppling.results.drawing.style import (
     ALARM_COLOUR,
     COLOURS,
@@ -26,11 +26,9 @@ from toppling.results.drawing.style import (
 from toppling.results.schema import TOPPLED_OUTCOMES
 
 _MOST_NAMED = 60
-"""Maximum number of rocks with a row of their own."""
-_NAME_LETTERS = 24
-"""Maximum number of characters of a rock's name."""
-_ELEVATION_DEG = 15.0
-"""Elevation of the view of a thumbnail, degrees."""
+"""Maximum number of rocks, or of rows and columns of a matrix, that are labelled."""
+_ROW_IN = 0.16
+"""Height of a labelled row, inches."""
 _THUMBNAIL_IN = 2.2
 """Side of a thumbnail, inches."""
 
@@ -44,7 +42,7 @@ def fragilities_figure(rocks: Sequence[RockResults], measure: str, width_in: flo
     drawn = sorted(
         (rock for rock in rocks if rock.curve), key=lambda rock: rock.curve.median if rock.curve else 0.0
     )
-    rows_in = 0.16 * min(len(drawn), _MOST_NAMED)
+    rows_in = _ROW_IN * min(len(drawn), _MOST_NAMED)
     in_row = width_in >= FULL_WIDTH_IN
     with style():
         size = (width_in, max(3.0, rows_in + 0.8)) if in_row else (width_in, 3.2 + max(2.0, rows_in + 0.6))
@@ -91,7 +89,7 @@ def _draw_medians(axes: Axes, drawn: Sequence[RockResults], measure: str) -> Non
         axes.plot(
             min(curve.median, last), index, ">" if curve.is_beyond_shaken else "o", ms=3.5, color=colour
         )
-    axes.set_yticks(range(len(shown)), [cut(rock.name, _NAME_LETTERS) for rock in shown])
+    axes.set_yticks(range(len(shown)), [cut(rock.name) for rock in shown])
     more = f", the weakest {_MOST_NAMED}" if len(drawn) > _MOST_NAMED else ""
     arrows = any(rock.curve and rock.curve.is_beyond_shaken for rock in shown)
     arrow = " (arrow: beyond what was run)" if arrows else ""
@@ -172,7 +170,7 @@ def _name_points(axes: Axes, points: np.ndarray, names: Sequence[str]) -> None:
     """Label each point; those at the same location have a common label."""
     together: dict[tuple[float, float], list[str]] = {}
     for (x, y), name in zip(points.round(6).tolist(), names, strict=True):
-        together.setdefault((x, y), []).append(cut(name, _NAME_LETTERS))
+        together.setdefault((x, y), []).append(cut(name))
     for point, there in together.items() if len(together) <= _MOST_NAMED else ():
         label = ", ".join(there[:3]) + (f" and {len(there) - 3} more" if len(there) > 3 else "")
         left = point[0] > np.mean(axes.get_xlim())
@@ -188,7 +186,7 @@ def thumbnail(scene: Scene, weakest_azimuth_deg: float | None) -> Figure:
     with style():
         figure = Figure(figsize=(_THUMBNAIL_IN, _THUMBNAIL_IN), layout="constrained")
         axes = figure.subplots()
-        draw_view(axes, scene, _ELEVATION_DEG, azimuth_deg - 90.0)
+        draw_view(axes, scene, ELEVATION_DEG, azimuth_deg - 90.0)
         if (
             weakest_azimuth_deg is not None
         ):  # the ground moves to the right of the picture, the rock falls to the left
@@ -199,12 +197,6 @@ def thumbnail(scene: Scene, weakest_azimuth_deg: float | None) -> Figure:
     return figure
 
 
-_MOST_LABELS = 60
-"""Maximum number of labelled rows and columns of the matrix."""
-_ROW_IN = 0.16
-"""Height of a labelled row, inches."""
-
-
 def scenarios_figure(rows: pd.DataFrame, matrix: pd.DataFrame) -> Figure:
     """Fraction of shakes that topple each rock under each scenario, and a map where locations are known.
 
@@ -212,7 +204,7 @@ def scenarios_figure(rows: pd.DataFrame, matrix: pd.DataFrame) -> Figure:
     matrix: fraction by rock (rows) and scenario (columns).
     """
     placed = rows.dropna(subset=["longitude", "latitude"]).groupby("rock", sort=True)
-    height = 1.6 + _ROW_IN * min(len(matrix), _MOST_LABELS)
+    height = 1.6 + _ROW_IN * min(len(matrix), _MOST_NAMED)
     with style():
         size = (FULL_WIDTH_IN, height + (4.4 if len(placed) else 0.0))
         figure = Figure(figsize=size, layout="constrained")
@@ -248,14 +240,14 @@ def _draw_matrix(axes: Axes, matrix: pd.DataFrame, figure: Figure) -> None:
     values = np.ma.masked_invalid(matrix.to_numpy(float))
     shades = COLOURS.with_extremes(bad="0.9")
     image = axes.imshow(values, aspect="auto", cmap=shades, vmin=0, vmax=1, interpolation="nearest")
-    few = max(1, int(np.ceil(matrix.shape[1] / _MOST_LABELS)))
+    few = max(1, int(np.ceil(matrix.shape[1] / _MOST_NAMED)))
     axes.set_xticks(
         range(0, matrix.shape[1], few),
         [str(name)[:16] for name in matrix.columns[::few]],
         rotation=90,
         size=6,
     )
-    few = max(1, int(np.ceil(matrix.shape[0] / _MOST_LABELS)))
+    few = max(1, int(np.ceil(matrix.shape[0] / _MOST_NAMED)))
     axes.set_yticks(range(0, matrix.shape[0], few), [str(name)[:24] for name in matrix.index[::few]], size=6)
     axes.set(
         xlabel="scenario",

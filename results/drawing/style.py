@@ -127,7 +127,7 @@ def short_name(measures: str) -> str:
     )
 
 
-def cut(name: str, letters: int) -> str:
+def cut(name: str, letters: int = 24) -> str:
     """Abbreviate a name to a number of letters."""
     return name if len(name) <= letters else f"{name[: letters - 1]}…"
 

@@ -23,6 +23,7 @@ from toppling.models.motions.motion import Motion
 from toppling.results.drawing.scene_figures import (
     ARROW_COLOUR,
     ELEVATION_DEG,
+    PAGE_HZ,
     Surface,
     azimuth_across,
     painted,
@@ -35,11 +36,14 @@ from toppling.results.drawing.scene_figures import (
 from toppling.results.drawing.style import ALARM_COLOUR, COLOURS, FULL_WIDTH_IN, ROCK_COLOUR, save, style
 from toppling.results.replayed_job import Replay, trajectory_table
 
-_FRAMES_HZ, _MOST_FRAMES = 12.5, 100
-"""Frame rate, Hz, and maximum number of frames: a longer shake is played faster, which the heading states."""
+_FRAMES_HZ = PAGE_HZ / 2
+"""Frame rate, Hz: half of the page's."""
+_MOST_FRAMES = 100
+"""Maximum number of frames: a longer shake is played faster, which the heading states."""
 
-WIDTH, STRIP = 480, 92
-"""Width of the picture, and height of the seismogram's strip, pixels."""
+WIDTH = 480
+STRIP = 92
+"""Height of the seismogram's strip, pixels."""
 
 _ROW = 19
 """Height of a line of the heading, pixels."""

@@ -27,8 +27,6 @@ _AGE_SAMPLES = 400
 """Number of equally likely years that represent an age."""
 _EARTH_YEARS = 4.54e9
 """Age of the Earth: no rock has stood longer."""
-_LARGEST_BYTES = 10_000_000
-"""Largest file of ages that is read, bytes."""
 
 _UNITS = {**dict.fromkeys(("years", "year", "yr", "a"), 1.0), **dict.fromkeys(("ka", "kyr"), 1e3)}
 """Years per unit of age."""
@@ -39,10 +37,8 @@ _AGE = re.compile(
 """Pattern of an age, or of its mean and standard deviation, bounds, or median and factor, with its unit."""
 _DOTTED = re.compile(r"[1-9]\d{0,2}(?:\.\d{3})+")
 """Pattern of dots between thousands; no age is stated in thousandths of a year."""
-_LONGEST = 200
-"""Maximum number of characters of an age."""
 
-_ABSENT, AS_NOW, LESS_FRAGILE = 0, 1, 2
+_ABSENT, AS_NOW, LESS_FRAGILE = range(3)
 """States of a rock at some past time."""
 
 
@@ -214,9 +210,12 @@ def exposure(ages: Array, since: Sequence[Since | None] | None = None) -> Exposu
     return Exposure(states, years)
 
 
-_WIDEST, _SUREST, _UNSUREST = 500.0, 2000.0, 3.0
-"""Limits beyond which two numbers must have different units (years, thousands): ratio of a range's ends, of an age to
-its uncertainty, and of an uncertainty to its age."""
+_WIDEST = 500.0
+"""Ratio of a range's ends from which their units (years, thousands) must differ."""
+_SUREST = 2000.0
+"""Ratio of an age to its uncertainty from which they must."""
+_UNSUREST = 3.0
+"""Ratio of an uncertainty to its age from which they must."""
 
 
 def _is_file(text: str) -> bool:
@@ -229,7 +228,7 @@ def _is_file(text: str) -> bool:
 
 def _of_words(text: str) -> Array:
     """Equally likely years of an age given as text; NaN if it is invalid."""
-    found = _AGE.fullmatch(text.strip()) if len(text) <= _LONGEST else None
+    found = _AGE.fullmatch(text.strip())
     if found is None:
         return np.array([math.nan])
     unit, sign, levels = _UNITS[(found[4] or "years").lower()], found[2], _levels(_AGE_SAMPLES)
@@ -269,7 +268,7 @@ def _of_file(path: Path) -> Array:
 
 def _read_ages(path: Path) -> tuple[Array, Array]:
     """Years and weights from a file; unit weights where it has none."""
-    table = Table.read(path, _file_error, _LARGEST_BYTES)
+    table = Table.read(path, _file_error)
     names, rows = table.names, [row for _, row in table.rows[1:]]
     del table
     unit = unit_years(names[0]) if names else None

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator
 
+from toppling.models.files.given import LONGEST_NAME
 from toppling.models.motions.formats.units import Quantity, unit_of
 from toppling.models.motions.measures import OPENQUAKE, STANDARD_G_M_S2
 
@@ -22,9 +23,6 @@ _WORDS = (
 _SA_COLUMN = re.compile(r"sa_(\d+(?:\.\d+)?)s_m_s2")
 UNSCALED = ("arias_m_s", "cav_m_s")
 """Measures that already combine both horizontal components, so that no ratio of components applies."""
-
-LONGEST_NAME = 200
-"""Maximum number of characters of a measure's name; a longer text is not parsed."""
 
 _BEFORE_UNIT = re.compile(r"_|,\s*|\s+in\s+|\s+")
 """Separators between a measure and its unit without brackets."""

@@ -37,11 +37,6 @@ def distance_km(longitude_deg: ArrayLike, latitude_deg: ArrayLike, site: tuple[f
     return 2.0 * EARTH_RADIUS_KM * np.arcsin(np.sqrt(np.minimum(lengths + widths, 1.0)))
 
 
-def some_of(names: Sequence[str]) -> str:
-    """List names in a message, abbreviated if there are many."""
-    return listed(names, 12)
-
-
 def check_place(asked: Place) -> None:
     """Raise InputError if longitude and latitude are out of range."""
     if not (-180 <= asked[0] <= 360 and -90 <= asked[1] <= 90):
@@ -58,7 +53,7 @@ def of_name(names: Sequence[str], asked: str, where: str) -> list[int]:
     """Indices of the sites with a name, ignoring case; InputError if there are none."""
     found = [number for number, name in enumerate(names) if name.casefold() == asked.casefold()]
     if not found:
-        known = some_of([*dict.fromkeys(filter(None, names))]) or "none that has a name"
+        known = listed([*dict.fromkeys(filter(None, names))]) or "none that has a name"
         raise InputError(
             "site.unknown",
             f"has no site called {asked!r}: it has {known}",

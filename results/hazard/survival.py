@@ -29,16 +29,14 @@ from toppling.results.hazard.ages import AS_NOW, LESS_FRAGILE, Exposure
 from toppling.results.hazard.curves import HazardCurve, continued, events_of_curves
 from toppling.results.hazard.events import EventSet, Fragility, Group, Motions, Standing
 
-_LEAST_LOGARITHM = -745.0
+_LEAST_LOGARITHM = math.log(math.ulp(0.0))
 """Smallest finite logarithm of a survival probability: its exp underflows to 0."""
 _FURTHEST = math.log(1e3)
 """Logarithm of the largest scale factor of motions in a search; the smallest is its inverse."""
 _STEP = math.log(1.05)
 """Logarithmic step between scale factors of motions in a draw; rates are power laws between them."""
-_MANY_EVENTS = 2000
-"""Number of events from which negligible ones are left out of a search for factors."""
 _NEGLIGIBLE = 1e-12
-"""Toppling probability at ten times the motion below which an event is negligible."""
+"""Toppling probability at ten times the motion below which an event is left out of a search for factors."""
 
 
 def topples(fragility: Fragility, motions: Motions) -> Array:
@@ -195,9 +193,7 @@ def _largest_factor(above: Callable[[float], float]) -> float:
 
 
 def _felt(rocks: Sequence[Standing], group: Group) -> Group:
-    """Large groups without the events that topple nothing even at ten times the motion."""
-    if group.rates.shape[1] < _MANY_EVENTS:
-        return group
+    """Group without the events that topple nothing even at ten times the motion."""
     return group.chosen(any_topples(_scaled(rocks, math.log(10.0)), group.motions)[0] > _NEGLIGIBLE)
 
 

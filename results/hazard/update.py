@@ -19,6 +19,7 @@ from toppling.models.arrays import Array
 from toppling.models.files.folder import write_text
 from toppling.models.files.table import plain
 from toppling.models.proportions import effective_number
+from toppling.results.analysis import FEW
 from toppling.results.hazard.ages import Exposure
 from toppling.results.hazard.curves import (
     HazardCurve,
@@ -59,8 +60,6 @@ RATES = (1e-2, 1 / 475, 1e-3, 1 / 2475, 1e-4, 1e-5)
 """Annual rates at which prior and posterior motions are compared; 475 and 2475 years are 10 and 2 % in 50 years."""
 _LEVELS = 60
 """Maximum number of levels (order statistics of the motions of events) at which rates of exceedance are counted."""
-LEAST_EVENTS = 10.0
-"""Minimum effective number of events for a rate: its relative standard error is then 1 / sqrt(10)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,10 +84,10 @@ class Exceedance:
             with np.errstate(divide="ignore", invalid="ignore"):
                 effective = (weights @ self.rates) ** 2 / (weights**2 @ self.squares)  # Kish
                 of_one = np.nanmax(self.squares / self.rates, axis=0, initial=0.0)
-            few = ~(effective > LEAST_EVENTS - 1e-6)  # rounded
+            few = ~(effective > FEW - 1e-6)  # rounded
             # A fractile is the rate of one branch, which its own events support.
             fractiles = {
-                q: np.where(few | (rates < (LEAST_EVENTS - 1e-6) * of_one), math.nan, rates)
+                q: np.where(few | (rates < (FEW - 1e-6) * of_one), math.nan, rates)
                 for q, rates in found.fractiles.items()
             }
             return Statistics(self.levels, np.where(few, math.nan, found.mean), fractiles)
@@ -511,10 +510,8 @@ def leave_one_out(update: Update) -> pd.DataFrame:
     return pd.concat(tables, ignore_index=True)
 
 
-_YEARS_OF_RATES = 50.0
-"""Investigation time of the probabilities written for annual rates, years: OpenQuake's files state no rates."""
-_YEARS_OF_EVENTS = 1.0
-"""Investigation time of the probabilities written for a set of events, years."""
+_YEARS = 1.0
+"""Time that the probabilities are over which are written for rates and for events: OpenQuake's files state no rates."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -530,7 +527,7 @@ class _Curves:
 def write_openquake(update: Update, folder: Path, ratio: float = 1.0) -> Iterator[Path]:
     """Write realizations.csv with the posterior weights, each branch's curve, and their updated mean and fractiles.
 
-    Curves of a set of events are counted at the rocks' sites, with probabilities in `_YEARS_OF_EVENTS`, so that
+    Curves of a set of events are counted at the rocks' sites, with probabilities in `_YEARS`, so that
     their mean over branches is that of the rates.
 
     update: update whose sites have coordinates.
@@ -560,7 +557,7 @@ def write_openquake(update: Update, folder: Path, ratio: float = 1.0) -> Iterato
         })  # fmt: skip
         own = levels if measure in UNSCALED else levels / ratio
         curves.append(_Curves(measure, own, sites, kinds))
-    years = _YEARS_OF_EVENTS if tree is None else tree.years or _YEARS_OF_RATES
+    years = (tree and tree.years) or _YEARS
     yield from _write(folder, dict(zip(numbers, paths, strict=True)), weights, curves, years)
 
 

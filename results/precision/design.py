@@ -33,11 +33,14 @@ _RANDOM_FRACTION = 0.15
 _OUTSIDE = 1.0 / 3.0
 """Fraction of the distance from the informative probabilities to 0 and to 1 within which a record still gets designed
 jobs; a record that no level of the campaign brings so near has only jobs at random levels."""
-_LEAST_JOBS, _LEAST_PER_ANSWER = 48, 5
-"""Minimum number of jobs, and of jobs of each answer, before a statement may end a run."""
-_SLOPE_VARIANCE, _SHARP_JOBS = 0.05, 300
-"""Relative variance of the slope above which a narrow interval is not trusted, because the curve may be steep by
-chance; and number of jobs from which it is trusted: the slope of a sharp threshold is never known."""
+_LEAST_JOBS = 48
+"""Minimum number of jobs before a statement may end a run."""
+_LEAST_PER_ANSWER = 5
+"""Minimum number of them of each answer."""
+_SLOPE_VARIANCE = 0.05
+"""Relative variance of the slope above which a narrow interval is not trusted: the curve may be steep by chance."""
+_SHARP_JOBS = 300
+"""Number of jobs from which it is trusted nevertheless: the slope of a sharp threshold is never known."""
 _ONE_SIDED_JOBS = 120
 """Number of equal answers that show that the levels do not reach the curve."""
 _USUAL, _MEASURE_JOBS, _CLEARLY_BETTER = "pgv_m_s", 60, 5.0

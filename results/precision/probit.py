@@ -17,11 +17,10 @@ from scipy.special import fdtrc, log_ndtr, ndtr, stdtrit
 
 from toppling.models.arrays import Array
 from toppling.models.proportions import effective_number
-from toppling.results.analysis.lognormal import LOG_ROOT_2_PI, probit_weights
+from toppling.results.analysis import FEW, NARROW_RECORDS
+from toppling.results.analysis.lognormal import LOG_ROOT_2_PI, STEPS, TOLERANCE, probit_weights
 from toppling.results.analysis.resampling import bases_of
 
-_STEPS, _SMALL_STEP = 200, 1e-9
-"""Maximum number of scoring steps; smallest damping factor, and relative change of coefficients that ends them."""
 _DIFFERENCE = 1e-4
 """Step of numerical derivatives, as a fraction of a coefficient's standard error."""
 
@@ -160,13 +159,13 @@ def _maximise(design: Array, answers: Answers) -> Array:
     """Coefficients, with a positive slope, that maximise likelihood times Jeffreys' prior, by damped scoring."""
     found = np.array([0.0, 1.0])
     value = _penalised(design, answers, found)
-    for _ in range(_STEPS):
+    for _ in range(STEPS):
         eta = design @ found
         information, score, _ = _terms(design, answers, eta)
         total = information.sum(axis=0)
         step = np.linalg.solve(total, score.sum(axis=0) + _prior_slope(design, answers, found))
         size = 1.0
-        while size > _SMALL_STEP:
+        while size > TOLERANCE:
             tried = found + size * step
             if tried[1] > 0.0 and (better := _penalised(design, answers, tried)) >= value:
                 break
@@ -174,7 +173,7 @@ def _maximise(design: Array, answers: Answers) -> Array:
         else:
             return found
         found, value = tried, better
-        if np.abs(size * step).max() < _SMALL_STEP * (1.0 + np.abs(found).max()):
+        if np.abs(size * step).max() < TOLERANCE * (1.0 + np.abs(found).max()):
             return found
     return found
 
@@ -226,12 +225,10 @@ def _pairs(information: Array, score: Array, record: NDArray[np.int64]) -> Array
 
 _LEVEL = 0.02
 """Significance level of the test for a departure. Adaptive choice of the jobs can double it, to less than 5 %."""
-_LEAST_RECORDS, _LEAST_P = 20, 1e-3
-"""Minimum number of records for the test, and smallest p-value that is printed."""
+_LEAST_P = 1e-3
+"""Smallest p-value that is printed."""
 _EDGES = np.array([0.1, 0.3, 0.5, 0.7, 0.9])
 """Edges of the bins of predicted probability in which prediction and answers are compared."""
-_LEAST_JOBS_BETWEEN = 10
-"""Minimum number of jobs of such a bin."""
 
 
 @dataclass(frozen=True)
@@ -262,7 +259,7 @@ def _p_value(curve: Curve, answers: Answers) -> float:
     """
     of_record = _departures(curve, answers)
     records, count = of_record.shape
-    if records < _LEAST_RECORDS:
+    if records < NARROW_RECORDS:
         return 1.0
     total = of_record.sum(axis=0)
     covariance = records * np.cov(of_record.T)
@@ -304,7 +301,7 @@ def departure(curve: Curve, answers: Answers) -> Departure | None:
         # Half a job is added to the variance, so that a first exception among certain answers is not the clearest.
         return abs(float(weight @ (answers.toppled[there] - expected))) / (variance + 0.5) ** 0.5
 
-    parts = [part for part in range(len(_EDGES) + 1) if (bin_of_job == part).sum() >= _LEAST_JOBS_BETWEEN]
+    parts = [part for part in range(len(_EDGES) + 1) if (bin_of_job == part).sum() >= FEW]
     if not parts:
         return None
     there = bin_of_job == max(parts, key=clarity)

@@ -17,8 +17,10 @@ from toppling.results.schema import SCHEMA, SHORT_NAMES, describe
 _PROBABILITIES = {"median": 0.5, "p05": 0.05, "p95": 0.95}
 """Toppling probability of each target that is an intensity."""
 
-_USUAL_CORRELATION, _USUAL_PAIRS = 0.5, 30.0
-"""Prior correlation of two jobs of one record, and its weight in pairs; used only to predict gains of more jobs."""
+_USUAL_CORRELATION = 0.5
+"""Prior correlation of two jobs of one record, used only to predict gains of more jobs."""
+_USUAL_PAIRS = 30.0
+"""Weight of that prior, in pairs of jobs."""
 
 
 _USUAL_BETA = 0.4

@@ -19,7 +19,7 @@ def test_a_full_disk_is_one_sentence_and_the_run_goes_on_once_there_is_room(inpu
     disk.mkdir()
     needed_kb = sum(4 * -(-path.stat().st_size // 4096) for path in inputs.rglob("*") if path.is_file())
     program = [sys.executable, "-P", "-c", "from toppling.orchestrator.cli import main; main()"]
-    words = ["run", inputs / "campaign.toml", "--out", disk / "run", "--workers", "1", "--no-estimate"]
+    words = ["run", inputs / "campaign.toml", "--out", disk / "run", "--workers", "1"]
     command = " ".join(map(shlex.quote, [*program, *map(str, words)]))
     shell = (
         f"mount -t tmpfs -o size={needed_kb - 20}k none {disk} && {command}; echo ended with $?; "

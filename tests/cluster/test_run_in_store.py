@@ -52,7 +52,7 @@ def toppling(*words, env, refused=False):
 def test_a_run_in_a_store_has_one_writer_and_goes_on_elsewhere_once_that_is_killed_and_taken_over_from(
     bucket, machine, inputs, undisturbed, faults, tmp_path
 ):
-    command = ["run", inputs / "campaign.toml", "--out", ADDRESS, "--workers", "2", "--no-estimate"]
+    command = ["run", inputs / "campaign.toml", "--out", ADDRESS, "--workers", "2"]
     faults.set(every=2.0)
     first = subprocess.Popen(
         [*TOPPLING, *map(str, command)], env=machine("first"),

@@ -108,9 +108,7 @@ def test_a_campaigns_weights_are_the_same_on_any_number_of_workers_and_as_constr
     folder, plain, client
 ):
     run(folder / "strong.toml", folder / "strong-2", cluster=client)
-    told = toppling(
-        "run", folder / "strong.toml", "--out", folder / "strong-1", "--workers", 1, "--no-estimate"
-    )
+    told = toppling("run", folder / "strong.toml", "--out", folder / "strong-1", "--workers", 1)
     assert "say as much as 1.1 equal ones" in told.output
     one, two = (open_run(folder / f"strong-{workers}") for workers in (1, 2))
     ((weights,), (again,)) = (run.weights().by_contact.values() for run in (one, two))
@@ -131,10 +129,10 @@ def test_a_campaigns_weights_are_the_same_on_any_number_of_workers_and_as_constr
     state = json.loads(toppling("status", one.path, "--json").stdout)
     assert state["stood"]["contacts"][0]["effective_bases"] == pytest.approx(1.117, abs=1e-3)
     # The folder repeats itself, and damaged weights stop it.
-    toppling("run", one.path / "campaign.toml", "--out", one.path, "--no-estimate")
+    toppling("run", one.path / "campaign.toml", "--out", one.path)
     flip(one.path / WEIGHTS_FILE)
     with refused("file.damaged", one.path / WEIGHTS_FILE):
-        toppling("run", folder / "strong.toml", "--out", one.path, "--no-estimate")
+        toppling("run", folder / "strong.toml", "--out", one.path)
 
 
 @pytest.mark.parametrize(
@@ -161,5 +159,5 @@ def test_what_cannot_weigh_bases_is_refused_by_name_before_a_run_begins(folder, 
     )
     (folder / "wrong.toml").write_text(text)
     with refused(code, named):
-        toppling("run", folder / "wrong.toml", "--out", folder / "wrong", "--no-estimate")
+        toppling("run", folder / "wrong.toml", "--out", folder / "wrong")
     assert not (folder / "wrong").exists()

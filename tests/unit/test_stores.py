@@ -127,7 +127,7 @@ def there(address):
 
 
 def killed(copy, **files):
-    stopped = copy.written_by_one()
+    stopped = copy.sole_writer()
     stopped.__enter__()
     write(copy, **files)
     copy.push()
@@ -138,14 +138,14 @@ def killed(copy, **files):
 
 
 def test_while_one_writes_every_other_is_refused_by_who_writes_and_the_way_to_take_over(machine, address):
-    with machine("first").written_by_one():
+    with machine("first").sole_writer():
         for name in ("first", "second"):
             with (
                 refused("store.written_by_another", address, machine(name).writer(), "--take-over"),
-                machine(name).written_by_one(),
+                machine(name).sole_writer(),
             ):
                 pass
-    with machine("second").written_by_one():
+    with machine("second").sole_writer():
         pass
     assert not Store(address).holds(CLAIM)
 
@@ -158,7 +158,7 @@ def test_of_many_that_come_at_once_exactly_one_writes(machine):
         copy = machine(name)
         start.wait()
         try:
-            with copy.written_by_one():
+            with copy.sole_writer():
                 won.append(name)
                 done.wait()
         except InputError:
@@ -176,9 +176,9 @@ def test_of_many_that_come_at_once_exactly_one_writes(machine):
 def test_a_killed_writer_leaves_its_claim_which_is_taken_over_only_when_told(machine, address):
     killed(machine("first"), a="1")
     for name in ("first", "second"):
-        with refused("store.written_by_another", "--take-over"), machine(name).written_by_one():
+        with refused("store.written_by_another", "--take-over"), machine(name).sole_writer():
             pass
-    with machine("second").written_by_one(take_over=True) as check:
+    with machine("second").sole_writer(take_over=True) as check:
         check()
     assert there(address) == {"a": "1"}
     assert not Store(address).holds(CLAIM)
@@ -202,14 +202,14 @@ def test_a_writer_that_stalls_in_a_put_while_another_takes_over_changes_nothing_
     monkeypatch.setattr(Store, inner, slowly)
 
     def write_slowly():
-        with contextlib.suppress(InputError), former.written_by_one():
+        with contextlib.suppress(InputError), former.sole_writer():
             write(former, a="old", b="old and long", c="old")
             former.push()
 
     thread = threading.Thread(target=write_slowly)
     thread.start()
     assert stalled.wait(20)
-    with successor.written_by_one(take_over=True):
+    with successor.sole_writer(take_over=True):
         assert successor.writer() != ""
         write(successor, a="new", b="new", c="new", d="new")
         successor.push()
@@ -253,14 +253,14 @@ def test_an_object_that_the_store_always_cuts_short_is_an_error_and_not_recorded
         write(machine("first"), a="all of it")
         with refused("store.not_as_sent", 4, 9):
             machine("first").push()
-    with machine("first").written_by_one():
+    with machine("first").sole_writer():
         pass
     assert there(address) == {"a": "all of it"}
 
 
 def test_figures_of_a_run_that_another_writes_are_kept_here_and_the_writer_named(machine, address):
     reader = machine("reader")
-    with machine("writer").written_by_one():
+    with machine("writer").sole_writer():
         reader.pull()
         reader.carry_back()  # nothing was made
         write(reader, figure="drawn")
@@ -272,7 +272,7 @@ def test_figures_of_a_run_that_another_writes_are_kept_here_and_the_writer_named
 
 
 def test_a_copy_that_a_process_of_this_machine_writes_to_is_left_to_that(machine, address):
-    with machine("first").written_by_one() as check:
+    with machine("first").sole_writer() as check:
         other = machine("first")
         write(other, a="1")
         other.carry_back()

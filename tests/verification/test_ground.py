@@ -158,7 +158,7 @@ def test_on_two_facets_a_block_leaves_what_the_friction_cones_hold_by_tipping_ov
 
 def test_a_squat_rock_on_a_surface_slides_before_it_tips():
     level = block(facets(0, 0), 0.4, 0.6, 0.3)
-    ((_, level_tips, level_slides), (_, tips, slides)) = limits_on_surface(level.grounded, [0.0, 30.0])
+    ((_, level_tips, level_slides), (_, tips, slides)) = limits_on_surface(level.grounded, (0.0, 30.0))
     assert (level_tips, tips) == pytest.approx((2.0 * G, 2.0 * G / math.cos(math.radians(30.0))), rel=1e-4)
     assert (level_slides, slides) == pytest.approx((0.4 * G, 0.4 * G), rel=0.01)
 
@@ -343,7 +343,7 @@ def test_the_facets_of_a_rounded_base_tip_on_a_surface_as_on_the_plane():
     ((_, on_plane),) = quasi_static_toppling_m_s2(plane.rock, plane.pedestal, G, [20.0])
     friction = (on_surface.contact.friction_static,) * 2
     of_triangles = GroundedBody.of(on_surface.rock, on_surface.pedestal, G, friction)
-    ((_, tipped, _),) = limits_on_surface(of_triangles, [20.0])
+    ((_, tipped, _),) = limits_on_surface(of_triangles, (20.0,))
     assert tipped == pytest.approx(on_plane, rel=1e-3)
     ((_, rolled),) = on_surface.tips_m_s2([20.0])
     assert rolled == pytest.approx(plane.tips_m_s2([20.0])[0][1], rel=0.001)
@@ -355,7 +355,7 @@ def test_a_rough_base_tips_on_a_surface_as_on_the_plane_however_fine_its_mesh():
     low = mesh.vertices[:, 2] < -0.59
     mesh.vertices[low, 2] += np.random.default_rng(4).uniform(0.0, 0.02, low.sum())
     ground = strips([(-6.0, -0.6), (6.0, -0.6)])
-    azimuths = [0.0, 120.0, 200.0]
+    azimuths = (0.0, 120.0, 200.0)
     plane = Scene.from_mesh((mesh.vertices, mesh.faces))
     exact = quasi_static_toppling_m_s2(plane.rock, plane.pedestal, G, azimuths)
     fine = mesh.subdivide()
@@ -382,7 +382,7 @@ def test_points_that_are_too_many_to_look_at_land_none_the_less():
     plane = Scene.from_mesh(shape)
     ((_, exact),) = quasi_static_toppling_m_s2(plane.rock, plane.pedestal, G, [0.0])
     on_mesh = Scene.from_mesh(shape, pedestal=strips([(-6.0, -0.6), (6.0, -0.6)])).grounded
-    assert limits_on_surface(on_mesh, [0.0])[0].tips_m_s2 == pytest.approx(exact, rel=0.002)
+    assert limits_on_surface(on_mesh, (0.0,))[0].tips_m_s2 == pytest.approx(exact, rel=0.002)
 
 
 def with_wall(distance_m, height_m=1.0):

@@ -2,4 +2,4 @@
 
 from toppling.models.motions.formats.reading import read_file
 
-__all__ = ["component", "read_file", "response", "units"]
+__all__ = ["component", "read_file", "record_text", "response", "units"]

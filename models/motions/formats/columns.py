@@ -15,9 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from toppling.models.errors import InputError
+from toppling.models.files.documents import shown
+from toppling.models.files.given import LONGEST_NAME
 from toppling.models.files.table import Table
 from toppling.models.motions.formats.component import Component, bearing, code_direction, label_of
 from toppling.models.motions.formats.record_text import (
+    HEADER_LINES,
     Counted,
     RecordText,
     check_stated,
@@ -51,11 +54,14 @@ _INTEGRAL_CORRELATION = 0.9
 _USUAL = "acceleration alone, time and acceleration, or time and three components"
 _WIDTHS = (1, 2, 4)
 """Numbers of columns that are understood without names."""
-_MOST_COLUMNS, _MOST_ABOVE, _MOST_FOOTER, _SHOWN, _PROBED = 12, 500, 20, 60, 20
+_MOST_COLUMNS = 12
+"""Maximum number of columns of a record."""
+_MOST_FOOTER = 20
+"""Maximum number of lines of text below the samples, which are left out."""
+_PROBED = 20
+"""Number of rows by which separator and decimal sign are told."""
 _LEAST_ROWS = 2
 """Number of successive rows of one width that shows where the columns begin."""
-_LONGEST_NAME = 200
-"""Maximum number of characters of a column's name that are looked at."""
 
 _BRACKETS = re.compile(r"[(\[]([^)\]]*)[)\]]")
 _ENDING = re.compile(
@@ -266,7 +272,7 @@ def _is_unit(word: str) -> bool:
 
 def _column_of(part: str) -> _Column:
     """Name and unit of a cell of a header."""
-    part = part[:_LONGEST_NAME]
+    part = part[:LONGEST_NAME]
     match = _BRACKETS.search(part)
     name, unit = _BRACKETS.sub("", part).strip(" \"'_:."), match[1].strip() if match else ""
     if unit:
@@ -313,7 +319,7 @@ def _roles_of(columns: Sequence[_Column]) -> _Roles | None:
 
 def read(file: RecordText) -> list[Component]:
     """Read the columns; the unit of their samples is that in their names, else the metadata table must name it."""
-    layout = _layout(file.lines[:_MOST_ABOVE])
+    layout = _layout(file.lines[:HEADER_LINES])
     if layout is None:
         file.refuse("record.no_rows", 0, "no rows of numbers follow on each other", "columns of numbers")
     rows, warnings = _rows(file, layout)
@@ -361,11 +367,11 @@ def _rows(file: RecordText, layout: _Layout) -> tuple[list[str], tuple[str, ...]
         last -= 1
     warnings: tuple[str, ...] = ()
     if 0 < end - last <= _MOST_FOOTER:
-        shown = lines[last].strip()[:_SHOWN]
-        end, warnings = last, (f"{file.path.name}: text below the samples is left out: {shown!r}",)
+        text = f"{file.path.name}: text below the samples is left out: {shown(lines[last].strip())}"
+        end, warnings = last, (text,)
     remarks = [line.strip() for line in lines[first:end] if line.lstrip().startswith(_REMARK)]
     if remarks:
-        remark = f"{file.path.name}: a remark among the samples is left out: {remarks[0][:_SHOWN]!r}"
+        remark = f"{file.path.name}: a remark among the samples is left out: {shown(remarks[0])}"
         warnings = (*warnings, remark)
     rows = []
     for line in lines[first:end]:
@@ -451,7 +457,7 @@ def _refuse_two_commas(file: RecordText, layout: _Layout, rows: list[str]) -> No
         return
     if width in _WIDTHS and (width == 1 or all(int(b) > int(a) for a, b in pairwise(firsts))):
         return
-    what = f"{example.strip()[:_SHOWN]!r} has commas, which may stand between its numbers or within them"
+    what = f"{shown(example.strip())} has commas, which may stand between its numbers or within them"
     expected = "a decimal point, or semicolons, tabs or blanks between numbers with decimal commas"
     remedy = "export the file with a decimal point"
     file.refuse("record.commas_ambiguous", layout.first, what, expected, remedy)

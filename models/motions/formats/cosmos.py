@@ -16,8 +16,8 @@ from toppling.models.motions.place import BOREHOLE, Place, place_in_words
 NAME = "COSMOS V0/V1/V2"
 _UNIT_CODES_M_S2 = {2: 9.80665, 4: 0.01, 7: 0.0254, 10: 0.01, 11: 0.980665}
 _COUNTS = 50
-_LEAST_BIT, _SENSITIVITY, _GAIN = 22, 42, 47
-"""Numbers of the real header values that make volts of counts, and acceleration of volts."""
+_REALS = {"least bit": 22, "sensitivity": 42, "sensor gain": 47, "time step": 62}
+"""Numbers of the real header values that are read; the first three make acceleration of counts."""
 _UNKNOWN = -999
 _STRUCTURES = {
     10: "in a building", 11: "on a bridge", 12: "on a dam", 13: "on a wharf", 14: "in a tunnel",
@@ -98,7 +98,7 @@ def _channel(file: RecordText, start: int) -> tuple[Component | None, int]:
         at + 1,
         found,
         factor,
-        file.positive(start, _real(reals, 62) / 1000, "time step (real header 62)"),
+        file.positive(start, _real(reals, "time step") / 1000, "time step (real header 62)"),
         direction=_direction(label, integers, scnl[1] if scnl else ""),
         file_format=f"COSMOS V{int(integers[0])}",
         corrected=title[0].lower().startswith("corrected"),
@@ -122,9 +122,9 @@ def _header(file: RecordText, at: int, kind: str) -> tuple[NDArray[np.float64], 
     return file.exactly(at, file.numbers(at + 1, stop, int(block[4])), int(block[1])), stop
 
 
-def _real(reals: NDArray[np.float64], number: int) -> float:
-    """Real header value by its number in the format's tables, from 1."""
-    return float(reals[number - 1]) if len(reals) >= number else _UNKNOWN
+def _real(reals: NDArray[np.float64], name: str) -> float:
+    """Real header value; the format's tables number them from 1."""
+    return float(reals[_REALS[name] - 1]) if len(reals) >= _REALS[name] else _UNKNOWN
 
 
 def _factor(file: RecordText, at: int, code: int, unit: str, reals: NDArray[np.float64]) -> tuple[float, str]:
@@ -137,13 +137,13 @@ def _factor(file: RecordText, at: int, code: int, unit: str, reals: NDArray[np.f
             "correct the line, or fetch the file again")  # fmt: skip
     if coded:
         return coded, ""
-    bit, sensitivity = _real(reals, _LEAST_BIT), _real(reals, _SENSITIVITY)
+    bit, sensitivity = _real(reals, "least bit"), _real(reals, "sensitivity")
     if code != _COUNTS or not (bit > 0 and sensitivity > 0):
         expected = "g (02), cm/sec2 (04), or counts (50) with least bit and sensitivity in the header"
         file.refuse("record.unit_unknown", at, f"unit {unit!r} with code {code}", expected,
             "fetch the file in g or cm/sec2")  # fmt: skip
-    stated = _real(reals, _GAIN)
-    gain = 1.0 if stated == _UNKNOWN else file.positive(at, stated, f"sensor gain (real header {_GAIN})")
+    stated = _real(reals, "sensor gain")
+    gain = 1.0 if stated == _UNKNOWN else file.positive(at, stated, "sensor gain (real header 47)")
     factor = bit * 1e-6 / sensitivity / gain * 9.80665
     source = f"{bit:g} microvolt, {sensitivity:g} V/g, gain {gain:g} in the header"
     return factor, f"{factor:.6g} m/s2 per count: {source}"

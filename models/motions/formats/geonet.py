@@ -8,8 +8,11 @@ from toppling.models.motions.formats.units import counted_unit, known_names
 from toppling.models.motions.place import place_in_name
 
 NAME = "GeoNet V1A/V2A"
-_TEXT_LINES, _NUMBER_LINES = 16, 10
-_ACROSS, _WIDTH = 10, 8
+_TEXT_LINES = 16
+_REAL_LINES = 6
+"""Number of lines of reals between the integers and the samples."""
+_ACROSS = 10
+"""Number of samples in a line."""
 _COUNTS_AT = 33
 """Positions, from 0, of the integers that count the samples of acceleration, velocity and displacement."""
 _FIRST = re.compile(r"^\s*(Uncorrected|Corrected) accelerogram \d{8}_\d{6}", re.IGNORECASE)
@@ -39,14 +42,13 @@ def _channel(file: RecordText, start: int) -> tuple[Component, int]:
             "'Corrected accelerogram' or 'Uncorrected accelerogram' and its header",
             "the file is damaged or truncated before: fetch it again")  # fmt: skip
     at = start + _TEXT_LINES
-    integers = file.exactly(at, file.numbers(at, at + 4, _WIDTH), 40).astype(int)
+    integers, reals_at = file.block(at, at, 40, "10I8")
     counts = [int(n) for n in integers[_COUNTS_AT : _COUNTS_AT + 3]]
     if min(counts) < 0:  # the next component would be looked for before this one
         what = f"the header counts {', '.join(map(str, counts))} samples"
         file.refuse("record.count_unusable", at, what, "counts of acceleration, velocity and displacement")
-    at += _NUMBER_LINES
-    rows = [-(-count // _ACROSS) for count in counts]
-    values = file.exactly(start + 9, file.numbers(at, at + rows[0], _WIDTH), counts[0])
+    at = reals_at + _REAL_LINES
+    values, stop = file.block(start + 9, at, counts[0], f"{_ACROSS}F8.1")
     step = re.search(r"(?:at intervals of|data at)\s+([\d.]+)\s*s", "\n".join(title))
     stated = re.search(r"readings in units of\s+([\d.]+\s+\S+)", "\n".join(title))
     unit = counted_unit(stated[1] if stated else "mm/s/s")
@@ -75,4 +77,4 @@ def _channel(file: RecordText, start: int) -> tuple[Component, int]:
         magnitude=float(moment[1]) if moment else None,
         distance_km=float(distance[1]) if distance else None,
         stated_peak_m_s2=stated_peak_m_s2(title),
-    ), at + sum(rows)
+    ), stop + sum(-(-count // _ACROSS) for count in counts[1:])

@@ -9,13 +9,11 @@ from numpy.typing import NDArray
 
 from toppling.models.files.table import is_numeral
 from toppling.models.motions.formats.component import Component, bearing, code_direction
-from toppling.models.motions.formats.record_text import Counted, RecordText
+from toppling.models.motions.formats.record_text import PRINTED_TIME_S, Counted, RecordText
 from toppling.models.motions.formats.units import acceleration_m_s2
 from toppling.models.motions.place import at_depth, place_in_name
 
 _UNAM_SAMPLES = re.compile(r"DATOS DE ACELERACION\s*(?::|$)")
-_PRINTED_TIME_S = 0.0015
-"""Rounding of CWB's times, which have three decimals."""
 
 
 class esm:  # noqa: N801  (a reader, as the modules are)
@@ -204,7 +202,7 @@ def _refuse_other_duration(file: RecordText, duration_s: float | None, count: in
 
 def _refuse_gap(file: RecordText, first: int, time: NDArray[np.float64], step: float) -> None:
     """Refuse rows whose times do not go on by the step: printed to a millisecond, they are off by as much."""
-    wrong = np.flatnonzero(np.abs(np.diff(time) - step) > max(_PRINTED_TIME_S, 0.5 * step))
+    wrong = np.flatnonzero(np.abs(np.diff(time) - step) > max(PRINTED_TIME_S, 0.5 * step))
     if len(wrong):
         before, after = time[wrong[0]], time[wrong[0] + 1]
         what = f"the time goes from {before:g} to {after:g} s where the step is {step:g} s"

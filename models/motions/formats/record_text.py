@@ -10,7 +10,7 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from toppling.models.files.given import TextFile
+from toppling.models.files.given import LONGEST_NAME, TextFile
 from toppling.models.files.table import is_numeral
 from toppling.models.motions.formats.component import (
     Component,
@@ -21,16 +21,23 @@ from toppling.models.motions.formats.component import (
 )
 from toppling.models.motions.formats.units import acceleration_m_s2
 
-SURPLUS_SHARE, ROWS_OFF = 0.01, 2
-"""Error of a count, as a fraction of the samples and in rows, that programs make; beyond it something is missing."""
-_JUMP_RATIO, _NEAR = 4.0, 200
-"""A bend between two rows so many times as sharp as any within rows, of so many samples beside it, is a lost row."""
+SURPLUS_SHARE = 0.01
+"""Error of a count that programs make, as a fraction of the samples; beyond it something is missing."""
+ROWS_OFF = 2
+"""The same in rows, where that is more."""
+_NEAR = 200
+"""Number of samples on both sides of a place between two rows with which its bend is compared."""
+_JUMP_RATIO = 4.0
+"""Ratio of that bend to the sharpest within rows from which a row is lost there."""
 _FORTRAN = re.compile(r"(\d\.?)[dD]([-+]?\d)")
 _GLUED = re.compile(r"(?<=\d)(?=[-+]\d*\.\d)")
 """Place between two numbers of full Fortran columns: before a sign that is no exponent's, which no point follows."""
-_PRINTED_TIME_S = 0.001
-_GAP_STEPS, _GAP_S = 5.0, 0.02
-"""A time so many mean steps, and so long, after the one before is a gap: curves are digitised where they bend."""
+PRINTED_TIME_S = 0.0015
+"""Largest error of a time step between times that are printed to a millisecond."""
+_GAP_STEPS = 5.0
+"""Number of mean steps between two times from which there is a gap: curves are digitised where they bend."""
+_GAP_S = 0.02
+"""Time between two others below which there is none, s."""
 _COMMA_NUMBER = re.compile(r"\s*[-+]?(?:\d+,\d*|,\d+|\d+)(?:[EeDd][-+]?\d+)?\s*$")
 
 _NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
@@ -80,11 +87,12 @@ _PEAKS_IN = re.compile(
     re.IGNORECASE,
 )
 """Peaks of all components behind their unit: RAW PGA VALUES (gal): (N-S) 70.2, (E-W) 105.9."""
-_PEAK_OFF = 1.5
-"""Factor by which a peak may differ from the samples', as by a baseline."""
-_STEP_OFF = 0.02
-"""Share by which text and times may differ, as of rounding."""
-_MOST_LINES, _LONGEST = 200, 300
+PEAK_OFF = 1.5
+"""Factor by which a stated peak may differ from the samples', as by a baseline; beyond it their unit is another."""
+STEP_OFF = 0.02
+"""Share by which two statements of one time step may differ, as by rounding."""
+HEADER_LINES = 500
+"""Maximum number of lines of a header that are searched."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,6 +148,16 @@ class RecordText(TextFile):
                         f"{token.strip()!r} is not a finite number{end}", "one finite number after another",
                         "fetch the file again, or cut the damaged part and correct its count")  # fmt: skip
         return np.empty(0)
+
+    def block(self, at: int, start: int, count: int, form: str) -> tuple[NDArray[np.float64], int]:
+        """So many numbers from a line on in a format of Fortran, such as 10F8.1, and the line behind them.
+
+        at: line of the count.
+        Raises InputError as `numbers`, or if there are fewer.
+        """
+        across, width = map(int, re.findall(r"\d+", form)[:2])
+        stop = start - (-count // across)
+        return self.exactly(at, self.numbers(start, stop, width), count), stop
 
     def exactly(self, at: int, values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
         """Values, if they are as many as a line of the header says.
@@ -208,7 +226,7 @@ class RecordText(TextFile):
             self.refuse("record.too_few_samples", start, "fewer than two samples", "a record")
         steps = np.diff(time)
         step = (time[-1] - time[0]) / len(steps)
-        wrong = np.flatnonzero((steps < 0) | (steps > max(_GAP_STEPS * step, _GAP_S) + _PRINTED_TIME_S))
+        wrong = np.flatnonzero((steps < 0) | (steps > max(_GAP_STEPS * step, _GAP_S) + PRINTED_TIME_S))
         if not step > 0 or len(wrong):
             at = int(wrong[0]) if len(wrong) else 0
             what = f"the time goes from {time[at]:g} to {time[at + 1]:g} s: a gap or a damaged line"
@@ -217,8 +235,8 @@ class RecordText(TextFile):
                 f"times about {step:.4g} s apart", remedy)  # fmt: skip
         check_time_step(step, self.where(start))  # before the record is interpolated
         span, nice = time[-1] - time[0], round(step, 3)
-        nice = nice if nice and abs(nice * len(steps) - span) <= 1.5 * _PRINTED_TIME_S else step
-        if np.abs(time - time[0] - nice * np.arange(len(time))).max() <= 1.5 * _PRINTED_TIME_S:
+        nice = nice if nice and abs(nice * len(steps) - span) <= PRINTED_TIME_S else step
+        if np.abs(time - time[0] - nice * np.arange(len(time))).max() <= PRINTED_TIME_S:
             return values, float(round(nice, 9)), ()
         even = np.arange(time[0], time[-1] + 1e-9, uneven_step_s)
         note = f"uneven times, mean step {step:.4g} s, interpolated to {uneven_step_s:g} s"
@@ -294,8 +312,8 @@ def _tokens(line: str, width: int | None) -> list[str]:
 
 def _found(pattern: re.Pattern[str], lines: Sequence[str]) -> Iterator[re.Match[str]]:
     """What a pattern finds in lines of text."""
-    for line in lines[:_MOST_LINES]:
-        yield from pattern.finditer(line[:_LONGEST])
+    for line in lines[:HEADER_LINES]:
+        yield from pattern.finditer(line[:LONGEST_NAME])
 
 
 def stated_unit(lines: Sequence[str]) -> float | None:
@@ -318,7 +336,7 @@ def unit_of_peaks(lines: Sequence[str], largest: float) -> float | None:
     for match in _found(_PEAKS_IN, lines):
         unit, peaks = acceleration_m_s2(match[1]), re.findall(_NUMBER, match[2])
         peak = max(abs(float(peak)) for peak in peaks)
-        if unit and largest / _PEAK_OFF < peak < largest * _PEAK_OFF:
+        if unit and largest / PEAK_OFF < peak < largest * PEAK_OFF:
             return unit
     return None
 
@@ -365,7 +383,7 @@ def check_stated(lines: Sequence[str], step_s: float, shape: tuple[int, int], pa
     Raises InputError if the lines state another time step, or another number of samples.
     """
     stated = stated_step_s(lines, shape[0])
-    if stated is not None and abs(stated - step_s) > _STEP_OFF * step_s:
+    if stated is not None and abs(stated - step_s) > STEP_OFF * step_s:
         what = f"the time goes on by {step_s:g} s, and by {stated:g} s by the text above"
         refuse_file("record.step_contradicted", path, what, "one time step", "correct the text, or the times")
     counts = stated_counts(lines)

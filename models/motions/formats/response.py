@@ -15,22 +15,19 @@ from numpy.typing import NDArray
 
 from toppling.models.errors import InputError, refusals
 from toppling.models.files.documents import listed
-from toppling.models.files.given import bytes_given
+from toppling.models.files.given import LONGEST_NAME, bytes_given
 from toppling.models.motions.formats.component import no_record, refuse_file
 from toppling.models.motions.formats.units import Quantity, Unit, known_names, unit_of
 from toppling.models.terminal import standard_error_to
 
-_LARGEST_XML_BYTES = 100_000_000
-
 _FLATNESS_BAND_HZ = (0.1, 20.0)
 _FLATNESS = 0.05
 """An accelerometer whose response varies less than this share over the band is divided by its sensitivity."""
-_SAME_GAIN = 1.25
-"""Factor by which the stated sensitivity and the product of the stages may differ before neither is believed."""
+SAME_GAIN = 1.25
+"""Factor within which two statements of an instrument's sensitivity, and those of its channels, lie."""
 _OBSPY_NAMES: dict[Quantity, str] = {"acceleration": "M/S**2", "velocity": "M/S", "displacement": "M"}
 _OBSPY_OUTPUTS: dict[Quantity, str] = {"acceleration": "ACC", "velocity": "VEL", "displacement": "DISP"}
 """ObsPy only warns of units that it does not know and scales some of those it knows: it is given these alone."""
-_MOST_SAID = 300
 
 
 _no_response = refusals(
@@ -57,7 +54,7 @@ def responses(path: Path) -> Any:
     """
     import obspy
 
-    content = bytes_given(path, no_record, _LARGEST_XML_BYTES).rstrip(b"\0\x1a\x0c \t\r\n")
+    content = bytes_given(path, no_record).rstrip(b"\0\x1a\x0c \t\r\n")
     if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
         what, expected = (
             "declares entities, which may name other files",
@@ -164,7 +161,7 @@ def _channel_of(stats: Any, inventory: Any, path: Path) -> Any:
             for codes, c in nearest
         )
         of = f"the StationXML has no response of {name} at {stats.starttime}"
-        raise _no_response("response.missing", f"{of}: it has {listed(list(there), 5) or 'nothing'}", path)
+        raise _no_response("response.missing", f"{of}: it has {listed(list(there)) or 'nothing'}", path)
     stated = [c.response.instrument_sensitivity for c in found if c.response.instrument_sensitivity]
     gains = [part.value for part in stated if part.value is not None]
     if gains and not np.allclose(gains, gains[0], rtol=1e-6):
@@ -242,7 +239,7 @@ def _checked_sensitivity(
 ) -> tuple[float | None, tuple[str, ...]]:
     """Sensitivity, and what is to be told where the stages' gain at its frequency is another.
 
-    Raises InputError if the two differ by more than `_SAME_GAIN`, or the sensitivity is no number.
+    Raises InputError if the two differ by more than `SAME_GAIN`, or the sensitivity is no number.
     """
     stated = response.instrument_sensitivity
     if stated is None or stated.value is None:
@@ -258,9 +255,9 @@ def _checked_sensitivity(
     ratio = float(gain[0] / abs(value))
     stages = f"the stages of {trace.id} multiply to {gain[0]:.6g} at {frequency:g} Hz"
     difference = f"{stages}, its sensitivity is {value:.6g}"
-    if not 1 / _SAME_GAIN <= ratio <= _SAME_GAIN:
+    if not 1 / SAME_GAIN <= ratio <= SAME_GAIN:
         _refuse_response("response.sensitivity_contradicted", difference, path,
-            f"a sensitivity within a factor of {_SAME_GAIN:g} of what the stages make")  # fmt: skip
+            f"a sensitivity within a factor of {SAME_GAIN:g} of what the stages make")  # fmt: skip
     return value, () if abs(ratio - 1) <= _FLATNESS else (difference,)
 
 
@@ -295,8 +292,8 @@ def _spoken() -> Iterator[list[str]]:
         finally:
             if collects:
                 printed.seek(0)
-                text = printed.read(10 * _MOST_SAID).decode(errors="replace")
+                text = printed.read(10 * LONGEST_NAME).decode(errors="replace")
                 unique = dict.fromkeys(str(warning.message) for warning in caught)
                 messages.extend(
-                    " ".join(message.split())[:_MOST_SAID] for message in (text, *unique) if message.strip()
+                    " ".join(message.split())[:LONGEST_NAME] for message in (text, *unique) if message.strip()
                 )

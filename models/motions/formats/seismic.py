@@ -33,14 +33,17 @@ FORMATS = ("MSEED", "SAC", "KINEMETRICS_EVT", "KNET")
 """Formats that are parsed, in ObsPy's order. Left to guess, ObsPy also tries PICKLE, which runs what the file says, and
 formats whose files name others to be read (CSS, Q)."""
 _KNET_DURATION_AT = 11
+"""Line of the duration in K-NET's header, from 0."""
 _MOST_SAMPLES = 10**9
+"""Maximum number of samples of a trace."""
 _NO_HEIGHT_M = -9999.0
 """K-NET's height of a station that is not known."""
 _SAC_QUANTITIES = {5: "unknown", 6: "displacement", 7: "velocity", 8: "acceleration", 50: "volts"}
 """Quantities of SAC's `idep`."""
 _SAME_STEP = 1e-6
-_EPISENSOR, _LEAST_OF_24_BIT = 32, 2**15
-"""Kinemetrics' number of its accelerometer, and a count that no sample of 16 bits reaches."""
+"""Share by which the steps of two pieces of one trace may differ."""
+_EPISENSOR = 32
+"""Kinemetrics' number of its accelerometer."""
 _KNET_UNIT = re.compile(rb"^Scale Factor\s+[\d.]+\s*\(gal\)\s*/", re.IGNORECASE | re.MULTILINE)
 """ObsPy takes the factor for one of gal, whatever is said."""
 
@@ -101,7 +104,7 @@ def parse(path: Path) -> tuple[list[dict[str, Any]] | None, list[np.ndarray]]:
                 "give the record's file")  # fmt: skip
     headers = [_header(trace.stats) for trace in stream]
     if file_format == "KINEMETRICS_EVT":
-        whole = max(float(np.abs(trace.data).max(initial=0.0)) for trace in stream) >= _LEAST_OF_24_BIT
+        whole = max(float(np.abs(trace.data).max(initial=0.0)) for trace in stream) > np.iinfo(np.int16).max
         for header, trace in zip(headers, stream, strict=True):
             header |= _of_kinemetrics(trace.stats.kinemetrics_evt, whole)
     return headers, [trace.data for trace in stream]

@@ -10,10 +10,12 @@ from toppling.models.motions.formats.record_text import RecordText
 from toppling.models.motions.place import FREE_FIELD, Place
 
 NAME = "USGS SMC"
-_TEXT_LINES, _INTEGER_LINES, _REAL_LINES = 11, 6, 10
-_REALS_AT = _TEXT_LINES + _INTEGER_LINES
-_INTEGER_WIDTH, _REAL_WIDTH, _SAMPLE_WIDTH = 10, 15, 10
-_NO_INTEGER, _NO_REAL = -32768, 1.6e38
+_TEXT_LINES = 11
+_SAMPLE_WIDTH = 10
+_NO_INTEGER = -32768
+"""Integer that is not known."""
+_NO_REAL = 1.6e38
+"""Real that is not known: 1.7e38, as printed."""
 _EXTREMES = (29, 31)
 """Positions, from 0, of the reals that state the largest and the least sample."""
 _BUILDING = 1
@@ -36,14 +38,15 @@ def read(file: RecordText) -> list[Component]:
         what = f"the first line says {lines[0].strip()!r}"
         expected = "an uncorrected (1) or corrected (2) accelerogram"
         file.refuse("record.not_acceleration", 0, what, expected, "give the file of acceleration")
-    integers = file.exactly(_TEXT_LINES, file.numbers(_TEXT_LINES, _REALS_AT, _INTEGER_WIDTH), 48).astype(int)
-    reals = file.exactly(_REALS_AT, file.numbers(_REALS_AT, _REALS_AT + _REAL_LINES, _REAL_WIDTH), 50)
-    first = _REALS_AT + _REAL_LINES + max(int(integers[15]), 0)
+    numbers, reals_at = file.block(_TEXT_LINES, _TEXT_LINES, 48, "8I10")
+    reals, comments_at = file.block(reals_at, reals_at, 50, "5E15.7")
+    integers = numbers.astype(int)
+    first = comments_at + max(int(integers[15]), 0)
     found = file.counted(_TEXT_LINES + 2, int(integers[16]), first, None, _SAMPLE_WIDTH)
     if not reals[1] < _NO_REAL:
         what = "no sampling rate in the header: its samples are pairs of time and acceleration"
         remedy = "give the corrected record, or columns of time and acceleration at equal steps"
-        file.refuse("record.step_missing", _REALS_AT, what, "samples at one rate", remedy)
+        file.refuse("record.step_missing", reals_at, what, "samples at one rate", remedy)
     station = next((text for text in lines[:_TEXT_LINES] if text.lower().startswith("station")), "")
     match = re.match(r"station\s*=\s*(.*?)(?<!\s)\s*component=\s*(.*)$", station, re.IGNORECASE)
     label = match[2].strip() if match else ""
@@ -52,7 +55,7 @@ def read(file: RecordText) -> list[Component]:
             first,
             found,
             0.01,
-            1 / file.positive(_REALS_AT, float(reals[1]), "sampling rate"),
+            1 / file.positive(reals_at, float(reals[1]), "sampling rate"),
             direction=_direction(label, int(integers[12]), int(integers[13])),
             file_format=NAME,
             corrected=kind[1] == "2",

@@ -5,8 +5,10 @@ import unicodedata
 from dataclasses import dataclass
 from typing import Literal
 
+from toppling.models.files.given import LONGEST_NAME
+from toppling.models.motions.measures import STANDARD_G_M_S2
+
 Quantity = Literal["acceleration", "velocity", "displacement"]
-_G_M_S2 = 9.80665
 
 
 @dataclass(frozen=True)
@@ -18,7 +20,10 @@ class Unit:
 
 
 _LENGTHS_M = {"m": 1.0, "cm": 0.01, "mm": 1e-3, "nm": 1e-9, "ft": 0.3048, "in": 0.0254}
-UNITS_M_S2 = {f"{length}/s2": factor for length, factor in _LENGTHS_M.items()} | {"gal": 0.01, "g": _G_M_S2}
+UNITS_M_S2 = {f"{length}/s2": factor for length, factor in _LENGTHS_M.items()} | {
+    "gal": 0.01,
+    "g": STANDARD_G_M_S2,
+}
 """Accelerations by their folded names."""
 _UNITS: dict[str, Unit] = {
     **{name: Unit("acceleration", factor) for name, factor in UNITS_M_S2.items()},
@@ -34,7 +39,6 @@ UNITS_S = {
     "min": 60.0, "minutes": 60.0, "h": 3600.0, "hours": 3600.0,
 }  # fmt: skip
 """Units of time, in seconds."""
-_LONGEST = 100
 _FACTORS = (1e-15, 1e6)
 """Range of one count in a unit: the least is below that of any digitiser."""
 _FACTOR = re.compile(r"([-+]?(?:\d{1,30}\.?\d{0,30}|\.\d{1,30})(?:[Ee][-+]?\d{1,3})?)\s+(\S.*)$", re.ASCII)
@@ -75,7 +79,7 @@ _SPELLINGS = (
 
 def _folded(name: str) -> str:
     """Name of a unit without case, blanks, and the ways to write a power: 'M/S**2 ', 'm s-2', 'm/s²' are 'm/s2'."""
-    text = unicodedata.normalize("NFKC", _DESCRIBED.sub("", name.strip()[:_LONGEST]))
+    text = unicodedata.normalize("NFKC", _DESCRIBED.sub("", name.strip()[:LONGEST_NAME]))
     # The last is the square of DOS' code pages, read in those of Windows.
     text = text.replace("\u2215", "/").replace("\u2212", "-").lower().replace("ý", "2")
     text = re.sub(r"\s+", "", text).strip("\"'[]{},;:.")
@@ -105,7 +109,7 @@ def counted_unit(text: str) -> Unit | None:
     >>> counted_unit("100 gal")
     Unit(quantity='acceleration', factor=1.0)
     """
-    name = _PER_COUNT.sub("", text.strip()[:_LONGEST])
+    name = _PER_COUNT.sub("", text.strip()[:LONGEST_NAME])
     if power := _POWER.match(name):
         exponent = next(filter(None, power.groups()))
         name = f"1e{unicodedata.normalize('NFKC', exponent).replace(chr(0x2212), '-')} {name[power.end() :]}"

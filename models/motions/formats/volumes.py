@@ -23,8 +23,11 @@ from toppling.models.motions.place import FREE_FIELD, place_in_words
 
 NAME = "CSMIP, USC, RENADIC or BHRC V1/V2"
 _HEADER_LINES = 27
-_PAIRS_A_LINE, _PAIR_WIDTH = 5, 7
+"""Number of lines of text and numbers before the samples of volume 1."""
+_PAIRS_A_LINE = 5
+_PAIR_WIDTH = 7
 _BHRC_WIDTH = 13
+"""Characters of a sample of BHRC."""
 _UNEVEN_STEP_S = 0.005
 """Step to which unevenly digitised samples are interpolated."""
 _EQUAL = re.compile(

@@ -11,6 +11,7 @@ from zipfile import ZIP_DEFLATED, ZipFile
 import pandas as pd
 from matplotlib.figure import Figure
 
+from toppling.models.files.documents import MOST_SHOWN
 from toppling.models.files.folder import new_file, write_text
 from toppling.models.files.table import write_csv
 from toppling.results.analysis.constraint import Constraint
@@ -43,9 +44,6 @@ from toppling.results.drawing.style import (
 from toppling.results.drawing.templates import Block, Document, rendered
 from toppling.results.hazard.update import Update, write_openquake
 from toppling.results.reader import Completeness
-
-_MOST_BRANCHES = 8
-"""Branches that the page's table holds, those with the most weight; the file has all."""
 
 
 @dataclass(frozen=True)
@@ -194,9 +192,8 @@ def branches_table(statement: dict[str, Any], document: Document) -> list[Block]
     """The branches with the most weight, and their mean."""
     if "branches" not in statement:
         return []
-    heaviest = sorted(statement["branches"], key=lambda row: -(row["posterior_weight"] or 0.0))[
-        :_MOST_BRANCHES
-    ]
+    by_weight = sorted(statement["branches"], key=lambda row: -(row["posterior_weight"] or 0.0))
+    heaviest = by_weight[:MOST_SHOWN]
     rows = [*heaviest, statement["mean"]] if len(statement["branches"]) > 1 else heaviest
     table = pd.DataFrame([
         {

@@ -10,7 +10,7 @@ from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import CATALOG, Ensemble
 from toppling.models.scene import Scene
-from toppling.results.analysis import HEADLINE_MEASURE, fits, resampling
+from toppling.results.analysis import CONFIDENCE, HEADLINE_MEASURE, fits, resampling
 from toppling.results.analysis.constraint import Constraint
 from toppling.results.analysis.fragility import FRICTION, by_contact, contact_words
 from toppling.results.analysis.lognormal import Lognormal
@@ -20,8 +20,6 @@ from toppling.results.hazard.events import Standing
 from toppling.results.hazard.tree import HazardTree
 from toppling.results.hazard.update import Update
 from toppling.results.reader import Completeness, Run
-
-CONFIDENCE = 0.95
 
 
 class Contact(fits.ContactFits):

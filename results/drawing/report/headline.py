@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from toppling.models.errors import counted
+from toppling.results.analysis import CONFIDENCE
 from toppling.results.analysis.audit_statistics import audits_of
 from toppling.results.analysis.fits import observed_fractions
 from toppling.results.analysis.lognormal import Lognormal
@@ -16,7 +17,7 @@ from toppling.results.analysis.resampling import narrowed_by
 from toppling.results.analysis.unphysical import unphysical_of
 from toppling.results.drawing import sentences
 from toppling.results.drawing.fit_figures import draw_curve, draw_fractions
-from toppling.results.drawing.report.content import CONFIDENCE, Contact, Content
+from toppling.results.drawing.report.content import Contact, Content
 from toppling.results.drawing.sentences import other_records, share_words, what_topples
 from toppling.results.drawing.side_by_side_figures import thumbnail
 from toppling.results.drawing.style import (

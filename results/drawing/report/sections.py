@@ -7,10 +7,11 @@ from importlib.metadata import version
 import pandas as pd
 
 from toppling.models.errors import counted
+from toppling.models.files.documents import MOST_SHOWN
 from toppling.models.hidden_base.intervals import base_sentences
 from toppling.models.pedestal import FRICTION_SPREAD
 from toppling.models.scene import COM_SPREAD_SHARE, Scene
-from toppling.results.analysis import fits, resampling
+from toppling.results.analysis import FEW, fits, resampling
 from toppling.results.analysis.fragility import (
     PLANES,
     compare_frictions,
@@ -21,7 +22,6 @@ from toppling.results.analysis.fragility import (
     sector_share,
     topple_rose,
 )
-from toppling.results.analysis.lognormal import FEW_TOPPLED
 from toppling.results.drawing.fit_figures import few_records, fit_figure, fit_table
 from toppling.results.drawing.maps import friction_figure, map_figure
 from toppling.results.drawing.record_figures import records_figure
@@ -200,12 +200,6 @@ def _program(content: Content) -> str:
     )
 
 
-_MOST_RECORDS = 8
-"""Largest number of rows in the table of records; those that topple the rock most often are shown."""
-
-_MOST_ENDS = 12
-"""Largest number of ways in which jobs ended that are listed."""
-
 _OF_SCENE = ("height_m", "volume_m3", "com_x_m", "com_y_m", "com_z_m", "slope_deg", "downhill_azimuth_deg")
 """Quantities of a scene that a reader compares with the rock; the file beside the page has all."""
 
@@ -264,9 +258,9 @@ def _records_section(content: Content, document: Document) -> list[Block]:
     if motions is not None:
         counts = counts.merge(_as_recorded(motions.to_pandas()), how="left")
     counts = counts.sort_values(["toppled", "record_id"], ascending=[False, True])
-    some = f", the {_MOST_RECORDS} that topple the rock most often" if len(counts) > _MOST_RECORDS else ""
+    some = f", the {MOST_SHOWN} that topple the rock most often" if len(counts) > MOST_SHOWN else ""
     order = [*counts.columns.drop(["jobs", "toppled"]), "jobs", "toppled"]
-    shown = counts.head(_MOST_RECORDS)[order].rename(columns={"record_id": "record"})
+    shown = counts.head(MOST_SHOWN)[order].rename(columns={"record_id": "record"})
     caption = f"Records as recorded{some}: answered jobs of each, and those that toppled."
     return [*lines, document.table(shown, caption)]
 
@@ -322,9 +316,9 @@ def _fits_section(content: Content, document: Document) -> list[Block]:
     """Fits of the contact that the report begins with."""
     contact = content.chief
     few = few_records(contact.known["record_id"].nunique())
-    if contact.toppled < FEW_TOPPLED:
+    if contact.toppled < FEW:
         return [
-            f"Too few topplings: {contact.toppled} of {len(contact.known):,} jobs, fewer than {FEW_TOPPLED}. "
+            f"Too few topplings: {contact.toppled} of {len(contact.known):,} jobs, fewer than {FEW}. "
             f"No curve is drawn and no measure is ranked; shake more strongly, or with more records. {few}".rstrip()
         ]
     summary = fits.summary(contact.models)
@@ -401,7 +395,7 @@ def _jobs_section(content: Content, document: Document) -> list[Block]:
         )
     ended = frame.groupby(["status", "ended_by", "message"], dropna=False)
     counts = ended.agg(jobs=("job_id", "size")).reset_index().sort_values("jobs", ascending=False)
-    table = counts.head(_MOST_ENDS).rename(columns={"ended_by": "ended by"})
+    table = counts.head(MOST_SHOWN).rename(columns={"ended_by": "ended by"})
     return [f"{line}.", document.table(table.dropna(axis="columns", how="all"), "How the jobs ended.")]
 
 

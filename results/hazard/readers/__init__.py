@@ -15,6 +15,7 @@ from toppling.results.hazard.readers import (
     text_columns,
 )
 from toppling.results.hazard.readers.assembly import (
+    HEAD_LINES,
     HazardFile,
     Hints,
     Realisations,
@@ -33,9 +34,6 @@ _MOST_FILES = 20_000
 
 _MOST_BYTES = 200_000_000
 """Maximum size of a file."""
-
-_MOST_HEAD_LINES = 30
-"""Number of first lines of a file in a folder that are searched for its header."""
 
 _DIALECTS: dict[str, tuple[ModuleType, ...]] = {
     "json": (nshmp,),
@@ -125,7 +123,7 @@ def _beginning(path: Path) -> HazardFile | None:
     """First lines of a file of a folder, where it is text; all of JSON, whose keys may stand anywhere."""
     try:
         with open_given(path, refused) as head:
-            text = text_of(b"".join(head.readline(1_000_000) for _ in range(_MOST_HEAD_LINES)))
+            text = text_of(b"".join(head.readline(1_000_000) for _ in range(HEAD_LINES)))
         if text is None or text.startswith("\n") or "\0" in text:
             return None
         file = HazardFile(path, _text(path) if path.suffix in (".json", ".geojson") else text)

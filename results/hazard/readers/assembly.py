@@ -12,11 +12,12 @@ from typing import Any, NoReturn
 from numpy.typing import ArrayLike
 
 from toppling.models.errors import InputError, refusals
+from toppling.models.files.documents import listed
 from toppling.models.files.table import Table, is_numeral
 from toppling.models.motions.formats.units import unit_of
 from toppling.results.hazard.curves import HazardCurve, curve_of
 from toppling.results.hazard.measure_names import measure_of, quantity_of
-from toppling.results.hazard.places import Place, distance_km, nearest, of_name, same_place, some_of
+from toppling.results.hazard.places import Place, distance_km, nearest, of_name, same_place
 from toppling.results.hazard.tree import Branch, HazardTree
 
 _EXPECTED = (
@@ -24,7 +25,8 @@ _EXPECTED = (
     "pga_m_s2, pgv_m_s ..., PGA in g, PGV in cm/s, or with its unit, PGA (m/s2)); or curves of OpenQuake "
     "(hazard_curve, quantile_curve, realizations), nshmp-haz (curves.csv), CyberShake or OpenSHA, as they wrote them"
 )
-_POLE_DEG = 90.0
+HEAD_LINES = 30
+"""Number of first lines of a file that are searched for its header."""
 _EXPORT_AGAIN = "export one site's curve as annual rates of exceedance"
 
 
@@ -143,7 +145,7 @@ class HazardFile:
     def place_of(self, line: int, row: Sequence[str], header: Sequence[str]) -> Place:
         """Longitude and latitude of a row."""
         longitude, latitude = (self.number(line, row[header.index(name)]) for name in ("lon", "lat"))
-        if abs(latitude) > _POLE_DEG:
+        if not -90 <= latitude <= 90:
             self.refuse("site.out_of_range", f"line {line}: the latitude is {latitude:g}",
                 "exchange longitude and latitude")  # fmt: skip
         return longitude, latitude
@@ -215,7 +217,7 @@ def trees_of(stated: Sequence[Stated], where: str) -> list[HazardTree]:
     weights = [statement for statement in stated if isinstance(statement, Realisations)]
     if len(weights) > 1:
         _refuse("hazard.several_calculations", where,
-            f"holds the realisations of {len(weights)} calculations: {some_of([w.source for w in weights])}",
+            f"holds the realisations of {len(weights)} calculations: {listed([w.source for w in weights])}",
             "give the folder of one calculation")  # fmt: skip
     groups: dict[tuple, list[Statement]] = {}
     for files in stated:
@@ -274,11 +276,11 @@ def _branches(
         at = f" at longitude {curve.site[0]:g}, latitude {curve.site[1]:g}" if curve.site else ""
         _refuse("hazard.realisations_missing", weights.source,
             f"has {len(weights.weights)} realisations, of which {len(absent)} have no curve over "
-            f"{curve.measure}{at}: {some_of([f'rlz-{n:03}' for n in absent])}",
+            f"{curve.measure}{at}: {listed([f'rlz-{n:03}' for n in absent])}",
             "give the files of all realisations at one site (individual_rlzs = true)")  # fmt: skip
     if unknown := [n for n in by_number if n not in weights.weights]:
         _refuse("hazard.weights_incomplete", weights.source,
-            f"states no weight of {some_of([f'rlz-{n:03}' for n in unknown])}",
+            f"states no weight of {listed([f'rlz-{n:03}' for n in unknown])}",
             "give the realizations.csv of the same calculation")  # fmt: skip
     if not all(0 <= weight <= 1 for weight in weights.weights.values()):
         _refuse("hazard.weight_unusable", weights.source, "states weights outside 0 to 1",
@@ -298,7 +300,7 @@ def _refuse_twice(kind: str, several: Sequence[Statement], where: str) -> None:
         which = kind if key is None else f"{kind} {key}"
         _refuse("hazard.curve_repeated", where,
             f"states the {which} of {several[0].curve.measure} at one site {len(alike)} times: "
-            f"{some_of(alike)}", "give the files of one calculation, each once")  # fmt: skip
+            f"{listed(alike)}", "give the files of one calculation, each once")  # fmt: skip
     calculations = {statement.calculation for statement in several if statement.calculation}
     if kind == "realisation" and len(calculations) > 1:
         _refuse("hazard.several_calculations", where,
@@ -345,7 +347,7 @@ def combined(
                 )
     if not found:
         places = [f"{name} at {_place_words(part[0])}" for name, part in zip(names, parts, strict=True)]
-        _refuse("site.several", "--hazard", f"the curves are of different sites: {some_of(places)}",
+        _refuse("site.several", "--hazard", f"the curves are of different sites: {listed(places)}",
             "give curves of one site, or choose it with --site LON LAT", "branches of one site")  # fmt: skip
     return found
 
@@ -395,7 +397,7 @@ def chosen_tree(
         ]
     if len(of_measure) > 1:
         _refuse("site.several", where,
-            f"has {len(of_measure)} sites: {some_of([_place_words(tree) for tree in of_measure])}",
+            f"has {len(of_measure)} sites: {listed([_place_words(tree) for tree in of_measure])}",
             "choose one with --site LONGITUDE LATITUDE, or by its name", "one site")  # fmt: skip
     if not _bears_rates(of_measure[0]):
         _refuse_empty(of_measure[0])

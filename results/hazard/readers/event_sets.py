@@ -15,6 +15,7 @@ from toppling.models.files import table as text
 from toppling.models.files.given import HEAD_BYTES, LONGEST_LINE_BYTES, check_lines, encoding_of, open_given
 from toppling.results.hazard.events import EventBranch, EventSet, EventSite
 from toppling.results.hazard.measure_names import UNSCALED, measure_of, measure_with_unit
+from toppling.results.hazard.readers.assembly import HEAD_LINES
 from toppling.results.hazard.readers.openquake_curves import header_values
 
 EVENT, SITE, BRANCH = "event_id", "site_id", "rlz_id"
@@ -24,8 +25,6 @@ _ALIASES = {"eid": EVENT, "sid": SITE, "custom_site_id": SITE, "rlzi": BRANCH, "
 _CYBERSHAKE = ("Source_ID", "Rupture_ID", "Rupture_Variation_ID", "Rupture_Probability", "IM_Value", "Units")
 _LARGEST_BYTES = 4_000_000_000
 _MOST_COLUMNS = 10_000
-_MOST_COMMENTS = 30
-"""Lines above the columns."""
 
 RUPTURE = ["Source_ID", "Rupture_ID"]
 
@@ -100,7 +99,7 @@ def opened(path: Path) -> Table | None:
                 return None
             file.seek(0)
             lines = io.TextIOWrapper(file, encoding)
-            head = text.Table.of([lines.readline(LONGEST_LINE_BYTES) for _ in range(_MOST_COMMENTS)], path)
+            head = text.Table.of([lines.readline(LONGEST_LINE_BYTES) for _ in range(HEAD_LINES)], path)
     except (InputError, UnicodeDecodeError):
         return None
     skipped = head.rows[0][0] if head.rows else 0

@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 
 from toppling.models.files.documents import json_of, read_json
+from toppling.models.files.given import LONGEST_NAME
 from toppling.models.files.table import is_numeral
 from toppling.models.motions.formats.units import unit_of
 from toppling.results.hazard.curves import HazardCurve
-from toppling.results.hazard.measure_names import LONGEST_NAME, imt_of, measure_of, quantity_of
+from toppling.results.hazard.measure_names import imt_of, measure_of, quantity_of
 from toppling.results.hazard.readers.assembly import HazardFile, Statement, refuse, refused
 
 _DEPTH = 5
@@ -29,7 +30,10 @@ _BRANCH, _WEIGHT = "Branch Index", "Branch Weight"
 
 _MAGNITUDE = re.compile(r"mag(?:nitude)?s?|m_?w", re.IGNORECASE)
 """Name of a column of magnitudes."""
-_LEAST_MAGNITUDE, _LARGEST_MAGNITUDE = 1.0, 10.5
+_LEAST_MAGNITUDE = 1.0
+"""Least magnitude of a column: a hazard curve begins below 1 g."""
+_LARGEST_MAGNITUDE = 10.5
+"""Largest magnitude of a column: a hazard curve ends above 10.5 cm/s."""
 _EARTHQUAKE_RATES = (
     "states rates of earthquakes by magnitude, not of ground motions",
     "give the hazard curves of that calculation",
@@ -62,7 +66,7 @@ def _first_level(header: Sequence[str]) -> int:
 def other_output(file: HazardFile) -> tuple[str, str] | None:
     """What a table over magnitudes is, by its header, and what to give instead; None of other tables.
 
-    Numbers from 1 to 10.5 in equal steps are magnitudes: a hazard curve begins below 1 g, or ends above 10.5 cm/s.
+    Numbers in equal steps that may all be magnitudes are.
     """
     cells = file.table.names
     levels = np.array([float(cell) for cell in cells if is_numeral(cell)])

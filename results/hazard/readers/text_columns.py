@@ -8,10 +8,11 @@ from functools import partial
 from math import isclose
 from operator import mul
 
+from toppling.models.files.given import LONGEST_NAME
 from toppling.models.files.table import is_numeral
 from toppling.models.motions.formats.units import unit_of
 from toppling.results.hazard.curves import HazardCurve, intensity_at
-from toppling.results.hazard.measure_names import LONGEST_NAME, measure_of, measure_with_unit, quantity_of
+from toppling.results.hazard.measure_names import measure_of, measure_with_unit, quantity_of
 from toppling.results.hazard.readers.assembly import HazardFile, Statement
 
 _OF_EXCEEDANCE = "(?: of exceedance)?"
@@ -81,9 +82,12 @@ _COMMENTS = ("#", "%", "//")
 _STATED_UNIT = re.compile(
     r"(?:\bin |\bunits?\b ?(?:is |are |of |in |[:=])? ?|[(\[=])\s*([a-z%][a-z0-9%/^*²-]*(?: s\^?-2)?)"
 )
-_MOST_G, _LEAST_CM_S = 10.0, 5.0
-"""Levels of a whole curve: beyond in g, or below in cm/s, they are in another unit than its name implies."""
+_MOST_G = 10.0
+"""Largest level of a curve beyond which it is not in g."""
+_LEAST_CM_S = 5.0
+"""Largest level of a curve below which it is not in cm/s."""
 _RETURN_YEARS = 475.0
+"""Return period at which a curve is compared with published hazard."""
 _MOST_G_ONCE = {"pga": 2.0, "sa": 5.0}
 """No published hazard is as strong once in so many years."""
 

@@ -160,9 +160,6 @@ def test_the_command_to_go_on_with_is_read_as_the_one_that_was_given():
     told = shlex.split(run_verb.command_to_go_on(given))
     assert told[:2] == ["toppling", "run"]
     assert command.make_context("run", told[2:]).params == given.params
-    assert "--no-estimate" not in run_verb.command_to_go_on(
-        command.make_context("run", [*words, "--no-estimate"])
-    )
 
 
 def test_the_help_lists_every_verb_in_one_group():

@@ -10,6 +10,7 @@ from statsmodels.genmod.families import Binomial
 from statsmodels.genmod.families.links import Logit, Probit
 from statsmodels.genmod.generalized_linear_model import GLM
 
+from toppling.results.analysis import FEW
 from toppling.results.analysis.fits import (
     ContactFits,
     answered,
@@ -22,7 +23,6 @@ from toppling.results.analysis.fits import (
 )
 from toppling.results.analysis.fragility import wilson
 from toppling.results.analysis.lognormal import (
-    FEW_TOPPLED,
     Lognormal,
     design_of,
     fit,
@@ -127,11 +127,11 @@ def test_each_job_is_predicted_by_a_fit_to_other_records(jobs, monkeypatch):
         np.testing.assert_array_equal(predicted[inside], others.probability(jobs[inside]))
 
 
-@pytest.mark.parametrize("toppled", [FEW_TOPPLED - 1, FEW_TOPPLED])
+@pytest.mark.parametrize("toppled", [FEW - 1, FEW])
 def test_report_and_constraint_have_a_curve_from_the_same_number_of_topplings_on(jobs, toppled):
     few = pd.concat([jobs[~jobs["toppled"]], jobs[jobs["toppled"]].sample(toppled, random_state=1)])
     curves = curve_over(few, "pgv_m_s", 2), ContactFits(few, 2).curves.get("pgv_m_s")
-    assert [curve is not None for curve in curves] == 2 * [toppled == FEW_TOPPLED]
+    assert [curve is not None for curve in curves] == 2 * [toppled == FEW]
     assert out_of_fold(few, ["pgv_m_s"]).notna().all()
 
 

@@ -24,6 +24,7 @@ from toppling.orchestrator.code_identity import unlike
 from toppling.orchestrator.compiling import COMPILING
 from toppling.orchestrator.context import Answer, RunError
 from toppling.orchestrator.delivery import NotDeliveredError, StorageError, pieces
+from toppling.orchestrator.dispatch import USUAL_LIMITS
 from toppling.orchestrator.interrupt import held_back
 from toppling.orchestrator.leaving import announced_exit, let_leave_in_order
 from toppling.orchestrator.local_workers import LocalWorkers
@@ -50,8 +51,6 @@ _LISTED = {"slurm": ("squeue", "--me", "--noheader", "--format=%A")}
 """Commands that list the ids of a user's unfinished batch jobs."""
 _BATCH_SYSTEM_S = 30.0
 """Interval between such lists, and time that a batch system has to answer, s."""
-_SUBMITTED_IN_VAIN = 3
-"""Number of consecutive submissions whose batch jobs all end without a worker, after which the run stops."""
 _RESUBMIT_PAUSE_S = 10.0
 """Interval between resubmissions, s."""
 CLOSED = "--no-dashboard --dashboard-address 127.0.0.1:0"
@@ -287,7 +286,7 @@ class DaskCluster:
         wanted = len(cluster.worker_spec)
         if self._ended >= set(cluster.worker_spec):
             self._in_vain += 1
-        if self._in_vain > _SUBMITTED_IN_VAIN:
+        if self._in_vain > USUAL_LIMITS.tries:
             raise RunError(
                 f"batch jobs ended {self._in_vain} times before a worker came of them; their output says why "
                 "(log-directory in jobqueue.yaml, else the folder of this command)"

@@ -43,8 +43,6 @@ _LOOK_S = 2.0
 """Interval between checks of the number of threads and of overdue batches, s."""
 _FLUSH_S = (5.0, 60.0)
 """Minimum and maximum interval between part files, s; it grows during the run, so that a weekend makes few thousand."""
-_ROUNDS = 3
-"""Maximum number of passes over the plan; more than one is needed only if stored rows were lost."""
 Task = Callable[[RunKey, Mapping[str, Any], pa.Table, float], pa.Table]
 """Function of a worker that does the jobs of a batch within a time budget (`task.shake_batch`)."""
 
@@ -79,7 +77,7 @@ def work_off(selection: JobSelection, work: Work, merge: Callable[[], set[str]])
         if lost := len(sent.intersection(pending.tolist())):
             log.warning("%d rows were lost after they were stored", lost)
             in_vain += 1
-        if in_vain >= _ROUNDS:
+        if in_vain >= work.limits.tries:
             raise RunError(f"rows are lost after they are stored: is the disk of {work.folder} sound?")
         sent |= set(pending.tolist())
         Execution(work, pending)()

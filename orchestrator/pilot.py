@@ -16,12 +16,10 @@ from toppling.models.scene import Scene
 from toppling.orchestrator.plan import Plan, expected_s, plan_of
 from toppling.orchestrator.processes import assets, pool_of
 from toppling.orchestrator.progress import duration
-from toppling.orchestrator.rocks_of_run import settlings_of
+from toppling.orchestrator.rocks_of_run import AZIMUTHS_DEG, settlings_of
 from toppling.workers.job import Assets, JobSpec, run_job
 from toppling.workers.seating import settled
 
-_AZIMUTH_STEP_DEG = 10
-"""Step of azimuths at which statics are evaluated, degrees."""
 RECORDS = 10
 """Number of trial records: enough for an estimate, few enough to wait for."""
 _MOST_FRACTION = 0.8
@@ -66,7 +64,7 @@ class Pilot:
 
 def statics_of(scene: Scene) -> Statics:
     """Statics of the settled rock; infinite where no constant acceleration topples it."""
-    found = settled(scene).statics(range(0, 360, _AZIMUTH_STEP_DEG))
+    found = settled(scene).statics(AZIMUTHS_DEG)
     weakest = min(found, key=lambda row: row.tips_m_s2)
     slides_m_s2 = min(row.slides_m_s2 for row in found)
     return Statics(weakest.tips_m_s2, weakest.ground_accelerates_toward_deg, slides_m_s2)

@@ -180,6 +180,7 @@ _BLOCK = 10_000
 """Number of jobs whose ids are Python's strings at the same time."""
 
 _ID_LETTERS = 24
+"""Number of letters of a job's id, as `JobSpec.job_id` cuts its hash."""
 
 _EQUAL_SHARE_S = 40.0
 """Duration added to a record's in the expected cost of a job, s: many shakes end before a long coda does."""

@@ -97,13 +97,9 @@ def _read_files(paths: Sequence[Path]) -> list[Record]:
     files = record_files(paths)
     read = import_records(files)
     for refusal in read.refusals:
-        raise InputError(
-            refusal.reason.code,
-            f"{refusal.subject}: {refusal.reason.what}",
-            where=refusal.reason.where,
-            expected=refusal.reason.expected,
-            remedy="import it with the options that it needs ('toppling records import'), and give the ensemble",
-        )
+        what = f"{refusal.subject}: {refusal.reason.what}"
+        remedy = "import it with the options that it needs ('toppling records import'), and give the ensemble"
+        raise InputError(**vars(refusal.reason) | {"what": what, "remedy": remedy})
     if not read.records:
         raise InputError(
             "record.none_found",

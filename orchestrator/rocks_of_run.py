@@ -32,10 +32,8 @@ class Settlings(dict[tuple[float, float], Settling | InputError]):
                 stands = settled(scene.with_contact(ContactProperties.of((static, kinetic))))
                 found[static, kinetic] = Settling.between(scene.rock, stands.rock, scene.pedestal.normal)
             except InputError as error:
-                what = f"with friction {static:g}: {error.what}"
-                found[static, kinetic] = InputError(
-                    error.code, what, where=str(campaign.scene), expected=error.expected, remedy=error.remedy
-                )
+                other = {"what": f"with friction {static:g}: {error.what}", "where": str(campaign.scene)}
+                found[static, kinetic] = InputError(**vars(error) | other)
         return found
 
     @property
@@ -119,7 +117,7 @@ _WHY_A_SCANNED_ROCK_SETTLES = (
     "(--plane), or a wedge or adhesion that holds it"
 )
 
-_AZIMUTHS_DEG = range(0, 360, 10)
+AZIMUTHS_DEG = range(0, 360, 10)
 
 _Rose = list[tuple[float, float]]
 
@@ -151,16 +149,16 @@ class Settled:
         """Least constant acceleration that topples the rock on the contact as scanned, by the ground's azimuth."""
         outline, scene = self.outline_m, self.scanned
         if len(outline) < 3:
-            return scene.quasi_static_toppling_m_s2(_AZIMUTHS_DEG)
+            return scene.quasi_static_toppling_m_s2(AZIMUTHS_DEG)
         plane = Pedestal(scene.pedestal.point_m, scene.pedestal.normal)
         over_m = (outline - plane.point_m) @ plane.normal
         on_outline = dataclasses.replace(scene.rock, feet_m=outline - over_m[:, None] * plane.normal)
-        return quasi_static_toppling_m_s2(on_outline, plane, scene.gravity_m_s2, _AZIMUTHS_DEG)
+        return quasi_static_toppling_m_s2(on_outline, plane, scene.gravity_m_s2, AZIMUTHS_DEG)
 
     @property
     def rose_stands(self) -> _Rose:
         """Least constant acceleration that topples the settled rock, by the ground's azimuth."""
-        return self.stands.quasi_static_toppling_m_s2(_AZIMUTHS_DEG)
+        return self.stands.quasi_static_toppling_m_s2(AZIMUTHS_DEG)
 
     @property
     def is_large(self) -> bool:

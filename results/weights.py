@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 
 WEIGHTS_FILE = "weights.parquet"
 CONTACT = ["friction_static", "friction_kinetic", "restitution"]
-_SAME = 1e-9
-"""Relative tolerance for equal weights."""
 Contact = tuple[float, float, float]
 
 _WEIGHT = pa.field(
@@ -155,7 +153,7 @@ def weighted_rows(frame: pd.DataFrame, weights: Weights) -> pd.DataFrame:
         if len(drawn):
             weight = weights.of(tuple(map(float, contact)))  # type: ignore[arg-type]  # of three columns
             factor[drawn.index] = weight[drawn.to_numpy()] / weight[drawn.unique()].mean()
-    if (factor.sub(1.0).abs() < _SAME).all():
+    if np.allclose(factor, 1.0):
         return frame
     return frame.assign(base_weight=factor, record_weight=frame.get("record_weight", 1.0) * factor)
 
@@ -172,7 +170,7 @@ def records_weight(frame: pd.DataFrame) -> pd.Series | None:
     if "record_weight" not in frame or "base_weight" not in frame:
         return frame.get("record_weight")
     weight = frame["record_weight"] / frame["base_weight"]
-    return None if (weight.sub(1.0).abs() < _SAME).all() else weight
+    return None if np.allclose(weight, 1.0) else weight
 
 
 def sentences(summary: Mapping[str, Any]) -> list[str]:

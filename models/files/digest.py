@@ -67,7 +67,7 @@ def seal_archive(path: Path) -> None:
 
 
 def stamp(state: os.stat_result) -> tuple[int, ...]:
-    """What a file looks like, by which one that has changed is told: its inode, size and times."""
+    """State of a file that changes with its content: inode, size and times."""
     return state.st_dev, state.st_ino, state.st_size, state.st_mtime_ns, state.st_ctime_ns
 
 

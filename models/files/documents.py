@@ -21,15 +21,13 @@ _LARGEST_TOML_BYTES, _TOML = 2_000_000, "TOML: key = value, a line each"
 MOST_VALUES = 10_000_000
 """Maximum number of values of a JSON or XML file, by its commas and brackets; one takes 60 bytes, 250 in XML."""
 _DEEPEST = 100
-"""Maximum depth of nested objects and lists, which recursive functions walk."""
+"""Maximum depth of nested objects and lists, which recursive functions walk, and number of parts of a dotted key."""
 MOST_NAMED = 6
 """Maximum number of names in a sentence."""
 MOST_SHOWN = 10
 """Maximum number of rows of a list that a command prints or a page shows; files have all."""
-_LONGEST_KEY = 50
-"""Parts of a dotted key: the time that tomllib takes grows with their square."""
 _LONG_KEY = re.compile(
-    rf"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{_LONGEST_KEY}}}""", re.ASCII
+    rf"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{_DEEPEST}}}""", re.ASCII
 )
 _SHORT = reprlib.Repr()
 _SHORT.maxstring = _SHORT.maxother = 60
@@ -133,7 +131,7 @@ def read_toml(path: Path, refuse: Refuse = _no_toml) -> dict[str, Any]:
     """
     text = _text(path, refuse, _LARGEST_TOML_BYTES)
     if _LONG_KEY.search(text):
-        raise refuse("document.too_deep", f"has a key of more than {_LONGEST_KEY} parts", path)
+        raise refuse("document.too_deep", f"has a key of more than {_DEEPEST} parts", path)
     try:
         content = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
@@ -152,7 +150,7 @@ def read_toml(path: Path, refuse: Refuse = _no_toml) -> dict[str, Any]:
 
 
 def _toml_remedy(error: str) -> str:
-    """What most often is wrong where the parser says so."""
+    """Remedy for the most frequent mistake behind a parser's message."""
     if "hex value" in error or "escape" in error.lower() or "\\" in error:
         return "write paths with / or between single quotes: 'C:\\rocks'"
     if "Invalid value" in error:
@@ -164,7 +162,7 @@ def _toml_remedy(error: str) -> str:
 
 @dataclass(frozen=True)
 class Kind:
-    """What a value of a document must be."""
+    """Kind of a value in a document."""
 
     name: str
     holds: Callable[[Any], bool]

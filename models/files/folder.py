@@ -72,7 +72,7 @@ _KINDS = {"scene.json": "a scene", "catalog.parquet": "an ensemble", "run.json":
 
 
 def instead(path: Path) -> str:
-    """What a path is that was given for something else, as the end of an error; empty where it is nothing known."""
+    """End of an error that names the known kind of a path given for another; empty for unknown kinds."""
     folder = path.parent if path.is_file() else path
     kind = next((kind for mark, kind in _KINDS.items() if (folder / mark).is_file()), "")
     if path.is_file():

@@ -38,7 +38,7 @@ _NO_TEXTS = (
 
 
 def other_kind(head: bytes, more: tuple[tuple[bytes, str, str], ...] = ()) -> tuple[str, str] | None:
-    """What a file is by its beginning, and what to give instead, where it holds no text or something more."""
+    """Kind of a file without text, or one of `more`, by its beginning, and what to give instead; None for others."""
     kinds = (kind for kind in (*_NO_TEXTS, *more) if re.match(kind[0], head, re.IGNORECASE))
     return next(((what, remedy) for _, what, remedy in kinds), None)
 

@@ -75,7 +75,7 @@ class _Element:
 
 @dataclass(frozen=True)
 class _Header:
-    """What a PLY file says of itself; `order` is empty for ASCII, `data_at` is where the rows begin.
+    """Header of a PLY file; `order` is empty for ASCII, `data_at` is where the rows begin.
 
     `remarks` are its comments and what it says of the object.
     """

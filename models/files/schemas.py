@@ -1,4 +1,4 @@
-"""What `scene.json` and `run.json` must say: strangers may have written them, and somebody reads all of it."""
+"""Required content of `scene.json` and `run.json`, which strangers may have written."""
 
 import math
 from collections.abc import Iterable
@@ -94,6 +94,7 @@ LABELS, WORKED_OUT = "labels.npz", "worked_out.npz"
 GEOMETRY = ("rock.ply", "pedestal.ply", BASES)
 
 SCHEMA_VERSION = 1
+"""Version of the layout of `scene.json`."""
 _SPREAD = between(0.0, 1e8)
 _AZIMUTH = between(-360.0, 360.0)
 _PLACE = [LENGTH_M, 3]

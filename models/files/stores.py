@@ -266,7 +266,7 @@ def kinds() -> frozenset[str]:
 
 
 def _file_system(address: str) -> tuple[Any, str]:
-    """What reaches a store (an Arrow file system), and the path in it.
+    """Arrow file system that reaches a store, and the path in it.
 
     Raises InputError if nothing here reaches such a store, or it does not answer.
     """
@@ -409,7 +409,7 @@ class Claim:
         self._text = b""
 
     def writer(self) -> str:
-        """Who has claimed the folder: host, process and time; empty if none has."""
+        """Claimant of the folder: host, process and time; empty if there is none."""
         return _first_line(self.store.read(CLAIM))
 
     def _error(self, code: str, what: str, remedy: str) -> InputError:
@@ -527,7 +527,7 @@ class Copy:
             return self._store.holds("run.json")
 
     def writer(self) -> str:
-        """Which process has claimed the folder; empty if none has.
+        """Process that has claimed the folder; empty if none has.
 
         Raises InputError if the store does not answer.
         """
@@ -662,7 +662,7 @@ def at_hand(path: str | os.PathLike[str]) -> Path:
 
 
 def named(path: Path) -> str:
-    """What a user calls a folder: the address, where it is the copy of one in a store."""
+    """User's name of a folder: the address if it is the copy of one in a store."""
     return next((address for address, copy in _COPIES.items() if copy.path == path), str(path))
 
 
@@ -673,7 +673,7 @@ def sole_writer(path: Path, *, take_over: bool = False) -> AbstractContextManage
 
 
 def writer_of(path: Path) -> str:
-    """Which process has claimed the folder in a store whose copy a folder is; empty if none has, or it is no copy."""
+    """Process that has claimed the folder in a store whose copy a folder is; empty if none has, or it is no copy."""
     return next((copy.writer() for copy in _COPIES.values() if copy.path == path), "")
 
 

@@ -37,7 +37,7 @@ class Source:
 
 @dataclass(frozen=True)
 class Fetched:
-    """What came: files, a metadata table for them, and why the other stations did not."""
+    """Result of a fetch: files, a metadata table for them, and why other stations are missing."""
 
     files: list[Path]
     table: Path
@@ -154,7 +154,7 @@ def fetch(
 
 @dataclass(frozen=True)
 class _Asked:
-    """What is asked of a service, and where the answers go."""
+    """Request to a service, and the folder for its answers."""
 
     client: Any
     folder: Path

@@ -40,7 +40,7 @@ _LEFT = {
 
 @dataclass(frozen=True)
 class ImportOptions:
-    """What the user allows and asks for of the records that are imported."""
+    """Options of an import of records."""
 
     missing_vertical: bool = False  # allow records without a vertical component
     # Allow records beyond 5 g, clipped, with a spike or with a gap filled by a constant.
@@ -58,11 +58,12 @@ _LIKE_PEAKS = 0.1
 _LIKE_SHAPE = 0.97
 """Correlation of the horizontal vectors' lengths from which two records are one."""
 _COMPARED_STEP_S = 0.02
+"""Time step at which they are compared."""
 
 
 @dataclass(frozen=True)
 class Shaking:
-    """What names the shaking of a record, empty or None where nobody says."""
+    """Identity of a record's shaking; empty or None where it is not stated."""
 
     table_event: str  # event by the metadata table
     # By the header.

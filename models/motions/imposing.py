@@ -109,6 +109,7 @@ def _held(motion: Motion, corner_hz: float) -> tuple[Motion, float]:
 
 
 _ORDER = 3
+"""Order of the band-pass of an octave before its two passes."""
 _ENVELOPE_S = 0.5
 """Window over which the octave below the corner is averaged for the envelope of the octave above."""
 _SAMPLES_A_PERIOD = 4
@@ -157,7 +158,7 @@ def check_step(time_step_s: float, corner_hz: float, where: str = "motion above 
 
 
 def _octave(values: Array, from_hz: float, time_step_s: float) -> Array:
-    """What lies between a frequency and its double, without a shift in time."""
+    """Part of a motion between a frequency and its double, without a shift in time."""
     band_hz = [from_hz, 2.0 * from_hz]
     sections = scipy.signal.butter(_ORDER, band_hz, "bandpass", fs=1.0 / time_step_s, output="sos")
     return scipy.signal.sosfiltfilt(sections, values, axis=0, padtype="constant")

@@ -1,4 +1,4 @@
-"""How strong a motion is: peaks, spectra, energy, durations, of the horizontal vector and of its components.
+"""Intensity of a motion: peaks, spectra, energy, durations, of the horizontal vector and of its components.
 
 Horizontal measures are those of the vector (x, y), so that turning a motion leaves them as they are: peaks
 are the largest length of the vector, Arias intensity and the energy integral use its squared length, spectral

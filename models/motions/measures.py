@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 STANDARD_G_M_S2 = 9.80665
+"""Standard acceleration of free fall, the unit g of records and hazard (CGPM 1901)."""
 
 
 @dataclass(frozen=True, slots=True)

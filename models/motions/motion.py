@@ -9,9 +9,11 @@ from numpy.typing import ArrayLike, NDArray
 from toppling.models.errors import InputError
 
 _SHORTEST_STEP_S = 1e-9
+"""Shortest time step of any motion."""
 _LONGEST_S = 1e6
+"""Longest duration of any motion."""
 _LARGEST_M_S2 = 1e6
-"""Limits of any ground motion; squares and integrals of what is within them stay far from overflow."""
+"""Largest acceleration of any motion; squares and integrals of what is within these stay far from overflow."""
 
 
 @dataclass(frozen=True, eq=False, init=False)

@@ -49,10 +49,9 @@ WARNINGS = {
 displacement, or a time step in error by ten. The last two are of scaled motions: the largest displacements without the
 fling of a fault are some metres (Chi-Chi 1999, TCU068 and TCU052), and a larger factor scales noise, and the spectrum
 of a weak earthquake."""
-TOLD_PGV_M_S, LARGEST_PGD_M, LARGEST_FACTOR = (WARNINGS[name].most for name in ("pgv", "pgd", "factor"))
-LIMITS_WORDS = (
-    f"PGV above {TOLD_PGV_M_S:g} m/s, PGD above {LARGEST_PGD_M:g} m, or scaled above {LARGEST_FACTOR:g}-fold"
-)
+LARGEST_PGV_M_S, LARGEST_PGD_M, LARGEST_FACTOR = (WARNINGS[name].most for name in ("pgv", "pgd", "factor"))
+_PEAKS_WORDS = f"PGV above {LARGEST_PGV_M_S:g} m/s, PGD above {LARGEST_PGD_M:g} m"
+LIMITS_WORDS = f"{_PEAKS_WORDS}, or scaled above {LARGEST_FACTOR:g}-fold"
 _QUESTIONABLE_M_S2 = 5 * STANDARD_G_M_S2
 _USUAL_PGA_M_S2, _USUAL_PGV_M_S = 1.5 * STANDARD_G_M_S2, 1.5
 _COMMON_UNITS_M_S2 = {"g": STANDARD_G_M_S2, "m/s2": 1.0, "cm/s2": 0.01, "mm/s2": 0.001}
@@ -133,7 +132,7 @@ def warnings_of(
 
 
 def _explained(pga_m_s2: float, pgv_m_s: float, unit_m_s2: float | None) -> str:
-    """Which unit mistaken for which makes usual peaks unusual, by the least factor; nothing if none does."""
+    """Confusion of units that would explain unusual peaks, by the least factor; empty if none does."""
     mistaken = sorted(
         (taken / meant, taken_name, meant_name)
         for taken_name, taken in _COMMON_UNITS_M_S2.items()
@@ -240,7 +239,7 @@ def _refuse_sample(
 
 def is_beyond(factor: ArrayLike, pgv_m_s: ArrayLike, pgd_m: ArrayLike) -> NDArray[np.bool_]:
     """Whether scaled motions exceed all recorded ones by their factor, PGV or PGD."""
-    limits = ((factor, LARGEST_FACTOR), (pgv_m_s, TOLD_PGV_M_S), (pgd_m, LARGEST_PGD_M))
+    limits = ((factor, LARGEST_FACTOR), (pgv_m_s, LARGEST_PGV_M_S), (pgd_m, LARGEST_PGD_M))
     return np.logical_or.reduce([np.asarray(value, float) > limit for value, limit in limits])
 
 

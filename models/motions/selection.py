@@ -1,4 +1,4 @@
-"""Which records of an ensemble a question needs, and how much each counts, by a site's hazard deaggregation."""
+"""Selection of an ensemble's records, and their weights by a site's hazard deaggregation."""
 
 import math
 import re
@@ -54,7 +54,7 @@ class Bin:
 
 @dataclass(frozen=True)
 class Deaggregation:
-    """What contributes to a site's hazard."""
+    """Contributions to a site's hazard, by magnitude and distance."""
 
     bins: list[Bin]
     of: str = ""  # the motion that it is of, and which of several; empty where the file does not say
@@ -300,7 +300,7 @@ _RANGES = {
 
 @dataclass(frozen=True)
 class Choice:
-    """What a record must be; None and 0 ask for nothing.
+    """Conditions on records; None and 0 are no condition.
 
     A record of unknown magnitude or distance does not pass a range of it.
     """

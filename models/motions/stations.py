@@ -16,6 +16,7 @@ _LEAST_ANGLE_DEG = 30.0
 SAME_SHAKING_S = 60.0
 """Channels of one station that start farther apart than this belong to different records."""
 _STEP_TOLERANCE = 1e-3
+"""Share by which the time steps of the components of one record may differ."""
 _SHARED_LENGTH = 0.8
 """Components that share less than this of the longest are not cut to what they share, but refused."""
 _NAME = re.compile(

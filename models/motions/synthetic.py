@@ -57,7 +57,7 @@ _MEDIAN_PULSE_VELOCITY_M_S = 0.9
 
 @dataclass(frozen=True)
 class Scenario:
-    """What a synthetic record is of."""
+    """Earthquake and site of a synthetic record."""
 
     # Moment magnitude and distance to the rupture.
     magnitude: float
@@ -228,6 +228,7 @@ BOORE_1997: Mapping[str, tuple[float, ...]] = {
 }
 """b1, b2, b3, b5, bV, VA, h of Boore, Joyner and Fumal (1997, Seism. Res. Lett. 68, 128-153), any fault."""
 _ROCK_VELOCITY_M_S = 620.0
+"""Shear-wave velocity of the upper 30 m of generic rock (Boore and Joyner 1997)."""
 
 
 def median_spectrum_m_s2(measure: str, magnitude: float, distance_km: float) -> float:

@@ -121,9 +121,7 @@ def in_files(error: InputError, files: list[str], contact: str | Path | None) ->
     if of_contact or error.where in files:
         return error
     names = ", ".join(files[:3]) + (" ..." if len(files) > 3 else "")
-    return InputError(
-        error.code, error.what, where=f"{names}: {error.where}", expected=error.expected, remedy=error.remedy
-    )
+    return InputError(**vars(error) | {"where": f"{names}: {error.where}"})
 
 
 def scan_again(

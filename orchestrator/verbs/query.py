@@ -20,9 +20,6 @@ from toppling.results.reader import open_run
 if TYPE_CHECKING:
     import pandas as pd
 
-_SHOWN_ROWS = 60
-"""Maximum number of printed rows."""
-
 
 @click.command()
 @click.argument("runs", nargs=-1, required=True, metavar="RUN... [SQL]")
@@ -99,6 +96,9 @@ def _plain(value: Any) -> Any:
 def _readable(table: pa.Table) -> str:
     if not len(table):
         return f"no rows; the columns are {', '.join(table.column_names)}"
-    shown = _frame(table.slice(0, _SHOWN_ROWS)).to_string(index=False, na_rep="", max_colwidth=None)
-    left = len(table) - _SHOWN_ROWS
+    import pandas as pd
+
+    most = pd.get_option("display.max_rows")
+    shown = _frame(table.slice(0, most)).to_string(index=False, na_rep="", max_colwidth=None)
+    left = len(table) - most
     return f"{shown}\n({left} more rows: --csv, --json or --parquet FILE give all)" if left > 0 else shown

@@ -1,4 +1,4 @@
-"""How far a run's answers may be off: a random sample of its jobs is repeated with a finer or different engine.
+"""Errors of a run's answers: a random sample of its jobs is repeated with a finer or different engine.
 
 Only the difference between two answers to the same job is estimated from the sample; the run's own answer is known
 for every job. A fragility's median is where the score of its likelihood vanishes, and the score is linear in the
@@ -69,7 +69,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Audit:
-    """How a run's answers differ from those of another engine or preset to the same jobs."""
+    """Differences between a run's answers and those of another engine or preset to the same jobs."""
 
     by: str  # engine or preset that repeated the jobs
     # Jobs compared, and the answered jobs that they were drawn from.

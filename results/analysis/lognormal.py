@@ -239,7 +239,7 @@ LINKS = {"probit": ndtr, "logit": expit}
 """Inverse link functions: probability of a linear predictor."""
 
 STEPS = 100
-"""Maximum number of Fisher scoring steps."""
+"""Maximum number of steps of a search, such as Fisher scoring."""
 _EPSILON = float(np.finfo(float).eps)
 TOLERANCE = 1e-9
 """Convergence tolerance of a coefficient, relative to the larger of itself and 1."""

@@ -13,7 +13,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import ArrayLike
 
 from toppling.models.arrays import Array
-from toppling.models.files.documents import MOST_NAMED
+from toppling.models.files.documents import MOST_NAMED, MOST_SHOWN
 from toppling.results.analysis.constraint import Constraint
 from toppling.results.drawing.sentences import ages_words, share_words
 from toppling.results.drawing.style import (
@@ -224,9 +224,6 @@ def _inverse(value: ArrayLike) -> Array:
         return 1.0 / np.asarray(value, float)
 
 
-_NAMED = 16
-"""Maximum number of branches that are labelled by name."""
-
 _LEAST_SURVIVAL = 1e-4
 """Lower end of the survival axis."""
 
@@ -249,7 +246,7 @@ def events_figure(
     count = 1 + len(hazards[:MOST_PANELS])
     columns = 1 if width_in < FULL_WIDTH_IN else min(count, 2)
     rows = -(-count // columns)
-    first_in = max(3.2, 0.2 * min(len(branches), _NAMED))
+    first_in = max(3.2, 0.2 * min(len(branches), MOST_SHOWN))
     with style():
         figure = Figure(figsize=(width_in, first_in + 3.2 * (rows - 1)), layout="constrained")
         grid = figure.subplots(rows, columns, squeeze=False, height_ratios=[first_in, *[3.2] * (rows - 1)])
@@ -283,9 +280,9 @@ def _draw_survival(axes: Axes, branches: pd.DataFrame, confidence: float) -> Non
         xlim=(max(_LEAST_SURVIVAL, 0.5 * min(low.min(), 1 - confidence)), 1.1),
     )  # fmt: skip
     axes.set_yticks(
-        places if len(branches) <= _NAMED else [], branches["name"] if len(branches) <= _NAMED else []
+        places if len(branches) <= MOST_SHOWN else [], branches["name"] if len(branches) <= MOST_SHOWN else []
     )
-    if len(branches) > _NAMED:
+    if len(branches) > MOST_SHOWN:
         axes.set_ylabel(f"{len(branches)} branches, by survival")
     axes.legend(loc="lower right", frameon=False, ncols=2, bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
 

@@ -433,10 +433,7 @@ def _fit_of(registration: Mapping[str, Any]) -> str:
 PAGE_HZ = 25.0
 """Rate of the poses in a page, Hz."""
 _PAGE_POSES = 1500
-"""Maximum number of poses in a page."""
-
-_TRACE_SAMPLES = 3000
-"""Maximum number of samples of each component of ground motion in a page: the resolution of a screen."""
+"""Maximum number of poses, and of samples of the ground motion, in a page: about the resolution of a screen."""
 
 ELEVATION_DEG = 14.0
 """Elevation of the view, degrees, from which both the tilt of a rock and its base are visible."""
@@ -540,7 +537,7 @@ def _rounded(values: Array, digits: int = 5) -> list:
 def _motion_of(replay: Replay, times: Array, position: Array, turn: Array) -> dict[str, Any]:
     """Poses, tilt and ground motion during the playback."""
     ground_times = np.linspace(
-        times[0], times[-1], int(np.clip((times[-1] - times[0]) * 200.0, 2, _TRACE_SAMPLES))
+        times[0], times[-1], int(np.clip((times[-1] - times[0]) * 200.0, 2, _PAGE_POSES))
     )
     ground = replay.ground_m_s2(ground_times).T
     topple = replay.topple_time_s

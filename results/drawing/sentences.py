@@ -10,6 +10,7 @@ from toppling.results.analysis.lognormal import CAUSES, Lognormal, parts_words
 from toppling.results.drawing.style import LETTERS_PER_IN, digits, printed_unit, short_name, within
 from toppling.results.hazard.events import Standing
 from toppling.results.hazard.places import SITE_REACH_KM
+from toppling.results.hazard.survival import LARGEST_FACTOR
 from toppling.results.hazard.update import RATES
 from toppling.results.weights import sentences
 
@@ -46,9 +47,6 @@ def interval_words(numbers: dict[str, Any], strongest: float | None) -> str:
     parts = parts_words({name: numbers[f"median_{name}"] for name in CAUSES if f"median_{name}" in numbers})
     return f" (95 %: {low:.2g} to {end}{'; ' if parts else ''}{parts})"
 
-
-LARGEST_FACTOR = 1e3
-"""Largest scale factor of motions or rates that is reported; beyond it any factor is allowed for practical purposes."""
 
 LEAST_FRACTION = 5e-4
 """Smallest fraction of a toppling rate or of weight that is reported: 0.1 % after rounding."""
@@ -184,7 +182,7 @@ def _change(first: float, last: float) -> str:
 
 
 def other_records(statement: dict[str, Any]) -> str:
-    """What the samples of the fragilities vary: records, and the bases that their jobs are on."""
+    """Sources of the fragilities' uncertainty: records, and the bases that their jobs are on."""
     bases = any("median_base" in rock for rock in statement["rocks"])
     return f"other records {'and bases ' if bases else ''}like these"
 

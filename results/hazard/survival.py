@@ -31,8 +31,9 @@ from toppling.results.hazard.events import EventSet, Fragility, Group, Motions, 
 
 _LEAST_LOGARITHM = math.log(math.ulp(0.0))
 """Smallest finite logarithm of a survival probability: its exp underflows to 0."""
-_FURTHEST = math.log(1e3)
-"""Logarithm of the largest scale factor of motions in a search; the smallest is its inverse."""
+LARGEST_FACTOR = 1e3
+"""Largest scale factor of motions in a search, beyond which any is allowed; the smallest is its inverse."""
+_FURTHEST = math.log(LARGEST_FACTOR)
 _STEP = math.log(1.05)
 """Logarithmic step between scale factors of motions in a draw; rates are power laws between them."""
 _NEGLIGIBLE = 1e-12

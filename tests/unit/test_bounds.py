@@ -63,7 +63,7 @@ TEXTS = [
         for key, values in VALUES.items() for value in values
     ),
     (Campaign.read, "a = " + "[" * 200_000, ("[document.unreadable]", "nested too deep")),
-    (Campaign.read, ".".join(["a"] * 100_000) + " = 1", ("[document.too_deep]", "50")),
+    (Campaign.read, ".".join(["a"] * 100_000) + " = 1", ("[document.too_deep]", "100")),
     (Campaign.read, "realisations = " + "9" * 5000, ("[document.unreadable]", "4300 digits")),
     (Campaign.read, "#" * 3_000_000, ("[file.too_large]", "3 MB")),
     (Campaign.read, "\0", ("[document.unreadable]",)),

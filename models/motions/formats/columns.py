@@ -21,6 +21,7 @@ from toppling.models.files.table import Table
 from toppling.models.motions.formats.component import Component, bearing, code_direction, label_of
 from toppling.models.motions.formats.record_text import (
     HEADER_LINES,
+    STEP_OFF,
     Counted,
     RecordText,
     check_stated,
@@ -101,10 +102,9 @@ _CLOCK = re.compile(
     re.ASCII | re.IGNORECASE,
 )
 """A time of day, of 24 hours or of twice twelve, and the date before it."""
-_DAY_S = 86400.0
-_STEP_TOLERANCE = 0.01
-"""Maximum difference between a time step and their median, as a fraction of it."""
+_DAY_S = 24 * UNITS_S["h"]
 _REGULAR_SHARE = 0.95
+"""Share of equal differences from which rounding explains no other."""
 _COARSE, _COARSE_RANGE, _COARSE_WINDOW = 0.1, 1.3, 50
 """Times whose last digit is more than this fraction of the step leave their line by this many digits where rows are
 lost; the place is found by the means of so many times on both sides."""
@@ -531,7 +531,7 @@ def _time_step(file: RecordText, first: int, time: NDArray[np.float64], printed:
     usual, digit = float(np.median(steps)), _print_error(printed)
     regular = usual > 0 and float((np.abs(steps - usual) < 0.1 * digit).mean()) >= _REGULAR_SHARE
     step = usual if regular or usual > digit else mean
-    tolerance = max(_STEP_TOLERANCE * step, digit / 2 if regular else digit)
+    tolerance = max(STEP_OFF * step, digit / 2 if regular else digit)
     wrong = np.flatnonzero(np.abs(steps - step) > tolerance)
     if not len(wrong) and digit > _COARSE * step:
         wrong = _jump_of_coarse_times(time, digit)

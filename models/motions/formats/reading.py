@@ -1,4 +1,4 @@
-"""Which reader a file needs, by its first bytes."""
+"""Choice of the reader of a file, by its first bytes."""
 
 import math
 from dataclasses import replace
@@ -21,7 +21,7 @@ from toppling.models.motions.place import place_in_name
 
 
 class Reader(Protocol):
-    """What a module or class of a text format gives."""
+    """Interface of a module or class that reads a text format."""
 
     NAME: str
 
@@ -41,6 +41,7 @@ _NO_RECORDS = (
 )
 """Beginnings of files that are no records: what they are, and what to give instead."""
 _LARGEST_BYTES = 500_000_000
+"""Maximum size of a file of records."""
 _LONGEST_LINE = 5000
 """Formats have lines of at most a few hundred characters, and searching endless ones for words is slow."""
 _LARGEST_SAMPLE = 1e12

@@ -150,7 +150,7 @@ class RecordText(TextFile):
         return np.empty(0)
 
     def block(self, at: int, start: int, count: int, form: str) -> tuple[NDArray[np.float64], int]:
-        """So many numbers from a line on in a format of Fortran, such as 10F8.1, and the line behind them.
+        """Numbers in a format of Fortran, such as 10F8.1, from a line on, and the line behind them.
 
         at: line of the count.
         Raises InputError as `numbers`, or if there are fewer.
@@ -257,7 +257,7 @@ class RecordText(TextFile):
 
 
 def first_found(pattern: re.Pattern[str], lines: Sequence[str]) -> re.Match[str] | None:
-    """What a pattern finds in the first line that has it; None where none has."""
+    """First match of a pattern in some lines; None where there is none."""
     return next(filter(None, map(pattern.search, lines)), None)
 
 
@@ -286,7 +286,7 @@ def _jumps(values: NDArray[np.float64], ends: NDArray[np.int64]) -> bool:
 
 
 def column_width(body: Sequence[str]) -> tuple[int, int] | None:
-    """How many numbers a full line has, and in how many characters each, by where decimal points stand.
+    """Number of numbers in a full line, and of characters of one, by where decimal points stand.
 
     None where they do not stand at equal distances.
     """
@@ -311,7 +311,7 @@ def _tokens(line: str, width: int | None) -> list[str]:
 
 
 def _found(pattern: re.Pattern[str], lines: Sequence[str]) -> Iterator[re.Match[str]]:
-    """What a pattern finds in lines of text."""
+    """Matches of a pattern in the lines of a header."""
     for line in lines[:HEADER_LINES]:
         yield from pattern.finditer(line[:LONGEST_NAME])
 

@@ -21,6 +21,7 @@ from toppling.models.motions.formats.units import Quantity, Unit, known_names, u
 from toppling.models.terminal import standard_error_to
 
 _FLATNESS_BAND_HZ = (0.1, 20.0)
+"""Band in which a response is looked at."""
 _FLATNESS = 0.05
 """An accelerometer whose response varies less than this share over the band is divided by its sensitivity."""
 SAME_GAIN = 1.25
@@ -128,7 +129,7 @@ def _converted(trace: Any, values: NDArray[np.float64], response: Any, path: Pat
     work.stats.response = known
     nyquist = 0.5 / trace.stats.delta
     band = (0.01, 0.02, 0.8 * nyquist, 0.95 * nyquist)
-    with _spoken() as messages:
+    with _messages() as messages:
         try:
             work.remove_response(
                 output="ACC", pre_filt=band, water_level=None, hide_sensitivity_mismatch_warning=True
@@ -269,7 +270,7 @@ def _is_flat(response: Any, sensitivity: float, top_hz: float) -> bool | None:
 
 def _gain(response: Any, frequencies_hz: NDArray[np.float64], output: str) -> NDArray[np.float64] | None:
     """Size of a response at frequencies; None where it cannot be evaluated."""
-    with _spoken():
+    with _messages():
         try:
             found = response.get_evalresp_response_for_frequencies(
                 frequencies_hz, output=output, hide_sensitivity_mismatch_warning=True
@@ -280,8 +281,8 @@ def _gain(response: Any, frequencies_hz: NDArray[np.float64], output: str) -> ND
 
 
 @contextmanager
-def _spoken() -> Iterator[list[str]]:
-    """What ObsPy warns of and evalresp, which is C, prints: collected, as neither knows the file that it is said of."""
+def _messages() -> Iterator[list[str]]:
+    """Warnings of ObsPy, and output of evalresp, which is C: collected, because neither names the file."""
     messages: list[str] = []
     with warnings.catch_warnings(record=True) as caught, tempfile.TemporaryFile() as printed:
         warnings.simplefilter("always")

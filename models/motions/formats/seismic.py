@@ -1,4 +1,4 @@
-"""What ObsPy reads: K-NET and KiK-net, SAC, miniSEED and Kinemetrics, with StationXML where samples are counts."""
+"""Formats that ObsPy reads: K-NET, KiK-net, SAC, miniSEED and Kinemetrics, with StationXML where samples are counts."""
 
 import io
 import re
@@ -111,7 +111,7 @@ def parse(path: Path) -> tuple[list[dict[str, Any]] | None, list[np.ndarray]]:
 
 
 def _of_kinemetrics(header: Any, whole: bool) -> dict[str, Any]:
-    """What a Kinemetrics file says of a channel: its name, where it has one, and one count of an EpiSensor in m/s2.
+    """Metadata of a channel in a Kinemetrics file: its name, if any, and one count of an EpiSensor in m/s2.
 
     whole: whether samples have 24 bits, which the header's calibration is for.
     """
@@ -126,7 +126,7 @@ def _of_kinemetrics(header: Any, whole: bool) -> dict[str, Any]:
 
 
 def _header(stats: Any) -> dict[str, Any]:
-    """What is used of a trace's header, as JSON says it."""
+    """Entries of a trace's header that are used, in types of JSON."""
     header = {key: stats[key] for key in ("network", "station", "location", "channel")}
     header |= {"sampling_rate": float(stats.sampling_rate), "calib": float(stats.calib)}
     header |= {"_format": stats["_format"], "starttime": stats.starttime.ns}

@@ -57,7 +57,7 @@ class Content:
 
     @cached_property
     def completeness(self) -> Completeness:
-        """How many of the run's jobs have run."""
+        """Numbers of the run's jobs that are planned and done."""
         return self.run.completeness()
 
     @cached_property
@@ -107,7 +107,7 @@ class Content:
 
     @cached_property
     def constraint(self) -> Constraint | None:
-        """What the standing rock says, with its age and under the hazard where these are known."""
+        """Constraint by the standing rock, with its age and under the hazard where these are known."""
         if self.standing is None:
             return None
         stood, update = self.exposure, None

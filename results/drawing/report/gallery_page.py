@@ -78,7 +78,7 @@ def gallery_page(
 
 
 def summary(rocks: Sequence[RockResults], shared: Shared, measure: str) -> list[str]:
-    """What an atlas says, in a few sentences."""
+    """Results of an atlas in a few sentences."""
     drawn = sorted(((rock.curve, rock) for rock in rocks if rock.curve), key=lambda both: both[0].median)
     several, have = "s" if len(rocks) != 1 else "", "has" if len(drawn) == 1 else "have"
     found = [f"Of {len(rocks)} rock{several} {len(drawn)} {have} a fragility over {short_name(measure)}."]

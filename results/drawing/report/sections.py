@@ -59,7 +59,7 @@ def methods_section(content: Content, document: Document) -> list[Block]:  # noq
 
 
 def methods(content: Content) -> str:
-    """What was done, in the past tense, with the run's own numbers."""
+    """Methods of the run, in the past tense, with its own numbers."""
     remark = content.completeness.remark
     parts = [f"The ensemble was not completed: {remark}."] if remark else []
     return " ".join([*parts, _rock(content), _shaking(content), _engine(content), _statistics(content)])
@@ -378,7 +378,7 @@ def _constraint_section(content: Content, document: Document) -> list[Block]:
 
 
 def _jobs_section(content: Content, document: Document) -> list[Block]:
-    """How the jobs were computed, and how they ended."""
+    """Computation of the jobs, and how they ended."""
     frame = content.frame
     presets, engines = (", ".join(sorted(frame[name].unique())) for name in ("preset", "engine"))
     steps = frame["time_step_s"].dropna()

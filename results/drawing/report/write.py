@@ -40,7 +40,7 @@ def report_page(content: Content, advance: Callable[[str], object] = lambda _: N
 
 
 def provenance(run: Run) -> dict[str, Any]:
-    """What belongs to a page but is not read: ids, versions, what was asked, and the meaning of every column."""
+    """Provenance of a page: ids, versions, what was asked, and the meaning of every column."""
     known, campaign = run.provenance(), run.root / "campaign.toml"
     columns = ("created_at", "jobs", "plan_id", "scene_id", "ensemble_id", "versions", "engine")
     return {

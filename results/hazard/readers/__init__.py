@@ -82,7 +82,7 @@ def _of_same_tree(paths: Sequence[Path], stated: Sequence[list[Stated]]) -> bool
 
 
 def _stated(path: Path, hints: Hints) -> list[Stated]:
-    """What a file states, or the files of a folder that state hazard."""
+    """Statements of a file, or of the files of a folder that state hazard."""
     if not path.is_dir():
         return [_read(path, hints)]
     found = []
@@ -133,7 +133,7 @@ def _beginning(path: Path) -> HazardFile | None:
 
 
 def _other_output(file: HazardFile) -> tuple[str, str] | None:
-    """What a table of a hazard program is that states no curves, and what to give instead; None of curves."""
+    """Kind of a program's table without curves, and what to give instead; None for curves."""
     if file.kind != "text":
         return None
     return openquake_curves.other_output(file) or nshmp.other_output(file)

@@ -1,4 +1,4 @@
-"""What hazard files state, and how it is put together: trees by measure and site, and trees of several paths to one."""
+"""Content of hazard files, assembled: trees by measure and site, and trees of several paths to one."""
 
 import math
 import re
@@ -40,7 +40,7 @@ def refuse(code: str, path: Path, what: str, remedy: str = _EXPORT_AGAIN) -> NoR
 
 @dataclass(frozen=True)
 class Hints:
-    """What the user says about files that do not say it."""
+    """User's statements about files that lack them."""
 
     site: Place | str | None = None  # (longitude, latitude): only this site of each file is read
     measure: str | None = None  # column of the results that a file is over which does not say
@@ -116,7 +116,7 @@ class HazardFile:
         return min(named) if len(named) == 1 else hinted
 
     def factor_stated(self, measure: str, usual: float, unit_name: str) -> float:
-        """What the unit of levels is in SI by its name in the file, the usual one where it has none."""
+        """Unit of levels in SI by its name in the file, the usual one where it has none."""
         unit = unit_of(unit_name) if unit_name else None
         if unit_name and (unit is None or unit.quantity != quantity_of(measure)):
             self.refuse("hazard.unit_unknown", f"states levels of {measure} in {unit_name!r}",

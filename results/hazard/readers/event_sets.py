@@ -24,7 +24,9 @@ _ALIASES = {"eid": EVENT, "sid": SITE, "custom_site_id": SITE, "rlzi": BRANCH, "
 
 _CYBERSHAKE = ("Source_ID", "Rupture_ID", "Rupture_Variation_ID", "Rupture_Probability", "IM_Value", "Units")
 _LARGEST_BYTES = 4_000_000_000
+"""Maximum size of a table of events, which pandas reads."""
 _MOST_COLUMNS = 10_000
+"""Maximum number of its columns."""
 
 RUPTURE = ["Source_ID", "Rupture_ID"]
 
@@ -108,7 +110,7 @@ def opened(path: Path) -> Table | None:
 
 
 def _kind_of(table: Table) -> str:
-    """What a table is, by its columns."""
+    """Kind of a table, by its columns."""
     columns = set(table.header)
     if EVENT in columns and any(name.startswith("gmv_") for name in columns):
         return "fields"
@@ -437,6 +439,7 @@ def _cybershake(table: Table, companions: list[Table], ratio: float, *_: object)
 _STRONG = 0.9
 """Share of motions below the one by which a unit is judged: single ones of a simulation may be of any strength."""
 _MOST_STRONG_G = 3.0
+"""Motion of that share beyond which it is not in g."""
 
 
 def _plain(table: Table, companions: list[Table], ratio: float, *_: object) -> EventSet:  # noqa: ARG001

@@ -64,7 +64,7 @@ def _first_level(header: Sequence[str]) -> int:
 
 
 def other_output(file: HazardFile) -> tuple[str, str] | None:
-    """What a table over magnitudes is, by its header, and what to give instead; None of other tables.
+    """Kind of a table over magnitudes, by its header, and what to give instead; None for other tables.
 
     Numbers in equal steps that may all be magnitudes are.
     """

@@ -50,7 +50,7 @@ _OTHERS = {
 
 
 def other_output(file: HazardFile) -> tuple[str, str] | None:
-    """What else of the engine's output a table is, and what to give instead; None of other tables."""
+    """Kind of another output of the engine, and what to give instead; None for other tables."""
     columns = ",".join(_names(file)).lower()
     if matches(file) or not (file.first_line or "~" in columns):
         return None
@@ -119,7 +119,7 @@ def _curves(
 
 
 def _kind(file: HazardFile, kind: str) -> tuple[str, float | str | None]:
-    """Which curve of a calculation it is, by its key, or its file's name where it has none."""
+    """Kind of a curve in a calculation, by its key, or its file's name where it has none."""
     if not kind and (found := _NAMED.search(file.path.name)):
         kind = found[1].replace("_curve", "")
     if kind.startswith("rlz-"):

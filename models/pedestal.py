@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from numbers import Real
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,5 +91,5 @@ class ContactProperties:
     @classmethod
     def of(cls, friction: float | Sequence[float], restitution: float = 0.0) -> ContactProperties:
         """Contact properties from one coefficient of friction or a (static, kinetic) pair."""
-        static, kinetic = (friction, friction) if isinstance(friction, float | Real) else friction
+        static, kinetic = np.broadcast_to(friction, 2)
         return cls(float(static), float(kinetic), float(restitution))

@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -238,7 +239,8 @@ class Scene(Described):
         On a plane by :mod:`toppling.models.statics`, for a rounded base :mod:`toppling.models.rounded.base`, on a
         surface :mod:`toppling.models.tipping`, where a rock that does not stand by itself has zeros.
         """
-        azimuths = [azimuth_of(azimuth) for azimuth in ground_accelerates_toward_deg]
+        given = ground_accelerates_toward_deg
+        azimuths = [azimuth_of(each) for each in ([given] if isinstance(given, str | Real) else given)]
         if not self.ground.is_plane:
             from toppling.models.tipping import limits_on_surface
 

@@ -28,9 +28,4 @@ def test_what_is_no_direction_is_refused(text):
 
 
 def test_azimuths_lie_apart_by_the_shorter_way_around():
-    assert apart_deg([350.0, 10.0, 180.0, -90.0], [10.0, 350.0, 0.0, 270.0]).tolist() == [
-        20.0,
-        20.0,
-        180.0,
-        0.0,
-    ]
+    assert apart_deg([350, 10, 180, -90], [10, 350, 0, 270]).tolist() == [20, 20, 180, 0]

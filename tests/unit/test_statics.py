@@ -331,10 +331,15 @@ def test_another_friction_leaves_the_restitution_as_it_is():
 @pytest.mark.parametrize(
     ("given", "pair"),
     [*((pair, (0.8, 0.6)) for pair in ((0.8, 0.6), [0.8, 0.6], np.array([0.8, 0.6]))),
-     *((one, (1.0, 1.0)) for one in (1, 1.0, np.float32(1.0), np.int64(1)))],
+     *((one, (1.0, 1.0)) for one in (1, 1.0, [1], np.float32(1.0), np.int64(1), np.array(1.0)))],
 )  # fmt: skip
-def test_friction_may_be_any_number_or_sequence_of_two(given, pair):
+def test_friction_may_be_any_number_or_sequence_of_one_or_two(given, pair):
     assert ContactProperties.of(given) == ContactProperties(*pair)
+
+
+def test_one_direction_is_asked_as_a_list_of_one_is():
+    scene = Scene.block(0.2, 0.3, 0.6)
+    assert [scene.tips_m_s2(one) for one in ("N40E", 50)] == 2 * [scene.tips_m_s2([50.0])]
 
 
 def test_a_mesh_is_taken_as_a_pair_as_lists_or_as_a_trimesh_alike():

@@ -333,7 +333,7 @@ def read(file: RecordText) -> list[Component]:
         values, roles = _values(file, layout, rows)
     if roles.left_out:
         warnings = (*warnings, f"{file.path.name}: columns left out: {', '.join(roles.left_out)}")
-    step = _step(file, layout, roles, values, rows)
+    step, start_s = _times(file, layout, roles, values, rows)
     text = [line for n, line in enumerate(above) if n != layout.names_at or not layout.columns]
     check_stated(text, step, (len(values), len(roles.components)), file.path)
     unit = stated_unit(text) or unit_of_peaks(text, float(np.abs(values[:, list(roles.components)]).max()))
@@ -343,7 +343,7 @@ def read(file: RecordText) -> list[Component]:
         for n, label in roles.components.items()
     ]
     place, orientations = place_above(above), stated_orientations(text)
-    found = [replace(part, place=place) for part in found]
+    found = [replace(part, place=place, start_s=start_s) for part in found]
     if list(roles.components.values()) == [""]:
         found = [replace(found[0], direction=stated_direction(text))]
     elif not named[-1].name and len(orientations) == len(found):
@@ -399,13 +399,13 @@ def _values(file: RecordText, layout: _Layout, rows: list[str]) -> tuple[NDArray
     return values, roles
 
 
-def _step(
+def _times(
     file: RecordText, layout: _Layout, roles: _Roles, values: NDArray[np.float64], rows: Sequence[str]
-) -> float:
-    """Time step by the column of times, else by the text above; NaN where neither states it."""
+) -> tuple[float, float | None]:
+    """Time step and first time by the column of times, else the step by the text above; NaN where neither states it."""
     if roles.time is None:
         above = stated_step_s([line for line in file.lines[: layout.first] if line.strip()], len(values))
-        return math.nan if above is None else above
+        return math.nan if above is None else above, None
     unit = layout.columns[roles.time].unit.lower() if layout.columns else ""
     unit = unit.replace("µ", "u").replace("μ", "u")
     time, first = values[:, roles.time], file.lines[layout.first]
@@ -418,8 +418,9 @@ def _step(
             "record.time_unit_unknown", layout.names_at or 0, f"the time is in {unit!r}", expected, remedy
         )
     since_1970 = next((factor for least, factor in _EPOCHS.items() if time[0] >= least), 1.0)
+    one_s = UNITS_S[unit] if unit else since_1970
     printed = [row.split()[roles.time] for row in rows if row]
-    return _time_step(file, layout.first, time, printed) * (UNITS_S[unit] if unit else since_1970)
+    return _time_step(file, layout.first, time, printed) * one_s, float(time[0]) * one_s
 
 
 def _refuse_columns(file: RecordText, layout: _Layout) -> NoReturn:

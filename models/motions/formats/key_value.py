@@ -98,7 +98,12 @@ class unam:  # noqa: N801
         if unit is None:
             what = f"UNIDADES DE LOS DATOS is {header.get('UNIDADES DE LOS DATOS')!r}"
             file.refuse("record.unit_unknown", at, what, "Gal (cm/s/s)")
-        labels, steps, counts = _channels(file, header)
+        labels = _slashed(header, "ORIENTACION C1-C6 (rumbo;orientacion)")
+        steps = _slashed(header, "INTERVALO DE MUESTREO, C1-C6 (s)")
+        counts = _slashed(header, "NUM. TOTAL DE MUESTRAS, C1-C6")
+        if not labels or not (len(labels) == len(steps) == len(counts)):
+            what = f"{len(labels)} orientations, {len(steps)} time steps, {len(counts)} counts"
+            file.refuse("record.channels_contradicted", 0, what, "one of each for every channel")
         words = ((i, lines[i].replace(",", ".").split()) for i in range(at + 1, len(lines)))
         first = next((i for i, row in words if row and all(map(is_numeral, row))), len(lines))
         count = int(RecordText(file.path, [counts[0]]).numbers(0)[0])
@@ -207,17 +212,6 @@ def _refuse_gap(file: RecordText, first: int, time: NDArray[np.float64], step: f
         before, after = time[wrong[0]], time[wrong[0] + 1]
         what = f"the time goes from {before:g} to {after:g} s where the step is {step:g} s"
         file.refuse("record.step_uneven", first + int(wrong[0]) + 1, what, "equal time steps")
-
-
-def _channels(file: RecordText, header: dict[str, str]) -> tuple[list[str], list[str], list[str]]:
-    """Orientations, time steps and counts of a file's channels."""
-    labels = _slashed(header, "ORIENTACION C1-C6 (rumbo;orientacion)")
-    steps = _slashed(header, "INTERVALO DE MUESTREO, C1-C6 (s)")
-    counts = _slashed(header, "NUM. TOTAL DE MUESTRAS, C1-C6")
-    if not labels or not (len(labels) == len(steps) == len(counts)):
-        what = f"{len(labels)} orientations, {len(steps)} time steps, {len(counts)} counts"
-        file.refuse("record.channels_contradicted", 0, what, "one of each for every channel")
-    return labels, steps, counts
 
 
 def _slashed(header: dict[str, str], key: str) -> list[str]:

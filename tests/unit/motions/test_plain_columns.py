@@ -207,13 +207,13 @@ def test_numbers_that_fill_their_columns_are_parted_before_their_signs(tmp_path)
     assert np.abs(samples(path) - GLUED).max() < WITHIN_M_S2
 
 
-def test_velocity_and_displacement_behind_the_acceleration_are_left_out_by_their_names(tmp_path):
-    for label, series in zip("ENZ", A.T, strict=True):
-        velocity = np.cumsum(series) * STEP_S
-        table = np.column_stack([series, 100 * velocity, 100 * np.cumsum(velocity) * STEP_S])
+def test_accelerations_of_three_files_are_aligned_by_times_and_their_integrals_left_out(tmp_path):
+    for late, label, series in zip((0, 20, 3), "ENZ", A.T, strict=True):
+        v = 100 * np.cumsum(series) * STEP_S
+        table = np.column_stack([series, v, np.cumsum(v) * STEP_S])
         head = "Time (s),Acceleration (m/s2),Velocity (cm/s),Displacement (cm)\n"
-        written(tmp_path, head + rows(table), f"rec_{label}.csv")
-    check_same(import_records(sorted(tmp_path.iterdir()), options=AS_IT_IS))
+        written(tmp_path, head + "".join(rows(table).splitlines(True)[late:]), f"rec_{label}.csv")
+    check_same(import_records(sorted(tmp_path.iterdir()), options=AS_IT_IS), A[20:])
 
 
 @pytest.mark.parametrize("across", [5, 7, 8])

@@ -39,6 +39,8 @@ _SAME_SHARE = 0.5
 """Share of the surfels of both in which a thing from near by is the one from afar."""
 _AROUND = 0.4
 """Share of the directions about its middle in which the line must show along which a thing is cut off."""
+JOINED_VOXELS = 3.0
+"""Patches so near to each other are neighbours."""
 _MEETS_VOXELS = 2.0
 """Distance from a known interface within which rock and pedestal meet in patches."""
 LEAST_CONCAVE_SHARE = 0.3
@@ -139,10 +141,14 @@ def _is_upper(thing: Candidate, other: Candidate) -> bool:
 
 
 def _closes(thing: Candidate) -> bool:
-    """Whether a cut goes around a thing, through creases."""
+    """Whether what parts a thing from the rest goes around it: a cut through creases, or a gap over what is lower."""
     if thing.concave_share < LEAST_CONCAVE_SHARE or not len(thing.loop_m):
         return False
-    return len(np.unique(sectors(thing.loop_m[:, :2] - thing.loop_m[:, :2].mean(axis=0)))) > _AROUND * SECTORS
+    rock, rest = thing.surfels.points_m[thing.rock], thing.surfels.points_m[~thing.rock]
+    away_m, over = cKDTree(rock[:, :2]).query(rest[:, :2])
+    beside = rest[(away_m < JOINED_VOXELS * thing.surfels.voxel_m) & (rest[:, 2] < rock[over, 2])]
+    parted_m = np.vstack([thing.loop_m, beside])[:, :2]
+    return len(np.unique(sectors(parted_m - rock[:, :2].mean(axis=0)))) > _AROUND * SECTORS
 
 
 def _seen_near_by(points_m: Array, coarse: Candidate) -> Candidate:
@@ -179,7 +185,7 @@ def neighbourhood(points_m: Array, voxel_m: float) -> Indices:
     distance, near = cKDTree(points_m).query(points_m, 13)
     start = np.repeat(np.arange(len(points_m)), 12)
     end, length = near[:, 1:].ravel(), distance[:, 1:].ravel()
-    keep = (length < 3.0 * voxel_m) & (end < len(points_m))
+    keep = (length < JOINED_VOXELS * voxel_m) & (end < len(points_m))
     lower, upper = np.minimum(start[keep], end[keep]), np.maximum(start[keep], end[keep])
     # One number for each pair: rows are slow to sort.
     return np.column_stack(np.divmod(distinct(lower * len(points_m) + upper), len(points_m)))

@@ -10,6 +10,7 @@ from toppling.models.arrays import Array, Flags, Indices, at_most, bounds_of, in
 from toppling.models.errors import InputError
 from toppling.models.scan.candidates import (
     JOINED_SPACINGS,
+    JOINED_VOXELS,
     LEAST_PEAK_VOXELS,
     LEAST_SURFELS,
     Candidate,
@@ -30,8 +31,6 @@ _RIVAL_SHARE = 0.6
 """Least height, over the first candidate's, of a second one that may be the rock that is meant."""
 _NEAR_HEIGHTS = 1.5
 """Largest distance, in its heights, of a candidate from where the user points."""
-_JOINED_VOXELS = 3.0
-"""Patches so near to each other are neighbours."""
 _CIRCLES, _FEWEST_AROUND = (0.2, 0.08, 0.032, 0.0128), 5000
 """Radii about a named place, over the cloud's extent; with fewer points a circle shows no rock."""
 
@@ -94,7 +93,7 @@ def _lies_on(near_m: Array, things: list[Candidate]) -> bool:
 def _away_m(thing: Candidate, near_m: Array) -> float:
     """How far a place (2,) lies from a thing in plan view, 0 on its patches."""
     away = np.hypot(*(thing.surfels.points_m[thing.rock, :2] - near_m).T).min()
-    return max(float(away) - _JOINED_VOXELS * thing.surfels.voxel_m, 0.0)
+    return max(float(away) - JOINED_VOXELS * thing.surfels.voxel_m, 0.0)
 
 
 def look_around(

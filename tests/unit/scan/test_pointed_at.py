@@ -12,7 +12,7 @@ from scipy.spatial import ConvexHull, cKDTree
 
 from tests.virtual_rocks import stump_on_a_slope
 from toppling.models.scan import virtual
-from toppling.models.scan.candidates import joined_rock
+from toppling.models.scan.candidates import find_candidates, joined_rock, surfels_of
 from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK, segment
@@ -119,6 +119,24 @@ def test_a_rock_wider_than_high_is_found_without_help(squat_rocks, seed):
     # Strays and what the crevice's judgement settles later: two points in a hundred of the rock.
     assert (found[label == ROCK] == ROCK).mean() > 0.98
     assert (found[label == PEDESTAL] == PEDESTAL).mean() > 0.98
+
+
+def test_a_rock_whose_crevice_is_hidden_almost_all_around_is_parted_by_the_gap_below_its_rim():
+    rng = np.random.default_rng(3)
+    way = rng.normal(size=(90_000, 3))
+    rock = way / np.linalg.norm(way, axis=1)[:, None] * [1.0, 1.0, 0.35] + [0.0, 0.0, 0.33]
+    ground = np.column_stack([rng.uniform(-2.5, 2.5, (200_000, 2)), rng.normal(0.0, 1e-3, 200_000)])
+    below_rim = [
+        np.arctan2(places[:, 1], places[:, 0]) < -3.08 for places in (rock, ground)
+    ]  # from one place
+    rock = rock[(rock[:, 2] > 0.15) | (below_rim[0] & (rock[:, 2] > 0.01))]
+    far_m = np.hypot(ground[:, 0], ground[:, 1])
+    points = np.vstack([rock, ground[(far_m > 0.95) | (below_rim[1] & (far_m > 0.3))]])
+    (thing,) = find_candidates(points, surfels_of(points))
+    on_rock = np.zeros(len(points), bool)
+    on_rock[: len(rock)] = True
+    is_rock = on_rock[cKDTree(points).query(thing.surfels.points_m)[1]]
+    assert (is_rock == thing.rock).mean() > 0.98
 
 
 def test_a_cloud_without_a_peak_is_refused_with_its_own_numbers():

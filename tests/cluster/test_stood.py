@@ -108,8 +108,7 @@ def test_a_campaigns_weights_are_the_same_on_any_number_of_workers_and_as_constr
     folder, plain, client
 ):
     run(folder / "strong.toml", folder / "strong-2", cluster=client)
-    told = toppling("run", folder / "strong.toml", "--out", folder / "strong-1", "--workers", 1)
-    assert "say as much as 1.1 equal ones" in told.output
+    toppling("run", folder / "strong.toml", "--out", folder / "strong-1", "--workers", 1)
     one, two = (open_run(folder / f"strong-{workers}") for workers in (1, 2))
     ((weights,), (again,)) = (run.weights().by_contact.values() for run in (one, two))
     assert (weights == again).all()

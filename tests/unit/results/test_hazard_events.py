@@ -1,6 +1,7 @@
 """Event sets: read as OpenQuake, CyberShake and others write them, and rocks under them."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -126,23 +127,17 @@ def test_files_of_another_calculation_are_told_apart_by_their_checksum(tmp_path)
         read_events(tmp_path)
 
 
-def test_a_scenario_states_no_rate_and_asks_for_one(tmp_path):
-    write_calculation(tmp_path, unit="g")
-    events = (tmp_path / "events_1.csv").read_text()
-    for year in (",3,", ",9,", ",7,"):
-        events = events.replace(year, ",0,")
-    (tmp_path / "events_1.csv").write_text(events)
+@pytest.mark.parametrize(("told", "rate"), [({"event_rate": 1e-3}, 5e-4), ({"catalogue_years": 100}, 0.01)])
+def test_a_scenario_and_a_catalogue_whose_time_no_file_states_ask_for_their_rate(tmp_path, told, rate):
+    write_calculation(tmp_path, **({"unit": "g"} if "event_rate" in told else {}))
+    if "event_rate" in told:  # every event is of the year 0
+        events = (tmp_path / "events_1.csv").read_text()
+        (tmp_path / "events_1.csv").write_text(re.sub(",[379],", ",0,", events))
+    else:
+        (tmp_path / "ruptures_1.csv").unlink()
     with refused("events.rate_missing"):
         read_events(tmp_path)
-    assert read_events(tmp_path, event_rate=1e-3).branches[0].rate.tolist() == [5e-4, 5e-4]
-
-
-def test_a_catalogue_whose_time_no_file_states_asks_for_it(tmp_path):
-    write_calculation(tmp_path)
-    (tmp_path / "ruptures_1.csv").unlink()
-    with refused("events.rate_missing"):
-        read_events(tmp_path)
-    assert read_events(tmp_path, catalogue_years=100).branches[0].rate.tolist() == [0.01, 0.01]
+    assert read_events(tmp_path, **told).branches[0].rate.tolist() == [rate, rate]
 
 
 @pytest.mark.parametrize(

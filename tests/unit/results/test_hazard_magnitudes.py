@@ -287,7 +287,6 @@ def test_a_fault_whose_own_earthquake_would_have_toppled_the_rock_is_excluded(cu
     asked = [curves, "--events", "5", "--faults", faults, "--site", "-118", "34.7", "--out", str(out)]
     done = magnitudes(*asked)
     assert done.exit_code == 0, done.output
-    assert "its magnitude 7.8 topples with" in done.output
     (fault,) = json.loads((out / "magnitudes.json").read_text())["faults"]
     assert fault["excluded"] is True
     assert fault["magnitude"] < 7.8

@@ -10,6 +10,8 @@ Flags = NDArray[np.bool_]
 Indices = NDArray[np.int64]
 
 _Kind = TypeVar("_Kind", bound=np.generic)
+AT_ONCE = 200_000
+"""Number of rows or pairs that are processed together: some 50 MB."""
 _MOST_COUNTED = 1_000_000
 """Maximum size of a table of counts, apart from four times the number of keys."""
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, cKDTree
 
-from toppling.models.arrays import Array
+from toppling.models.arrays import AT_ONCE, Array
 from toppling.models.caching import cached
 from toppling.models.errors import InputError
 from toppling.models.frames import plane_axes
@@ -28,9 +28,6 @@ _ROUNDING = 1e-12
 
 _PIECE_SHARE = 0.01
 """Length of the pieces of edges in the search of neighbours, as a fraction of the rock's size in plan."""
-
-_PAIRS_AT_A_TIME = 200_000
-"""Number of pairs of edges, or of triangles and points, that are processed together: some 50 MB."""
 
 _HALVINGS = 10
 """Maximum number of bisections of a triangle: points at a sharp corner remain."""
@@ -137,7 +134,7 @@ def _near(
 ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
     """Yield pairs of circles and points of a tree inside them, in batches, as two index arrays."""
     count = tree.query_ball_point(middle, radius, return_length=True)
-    batch = np.cumsum(count) // _PAIRS_AT_A_TIME
+    batch = np.cumsum(count) // AT_ONCE
     for some in np.split(np.arange(len(middle)), np.flatnonzero(np.diff(batch)) + 1):
         near = chain.from_iterable(tree.query_ball_point(middle[some], radius[some]))
         yield np.repeat(some, count[some]), np.fromiter(near, int, count[some].sum())

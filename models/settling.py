@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -12,10 +13,7 @@ from toppling.models.frames import azimuth_deg
 from toppling.models.rock import Rock
 
 _REPORTED_FROM_DEG = 0.1
-"""Tilt from which a settling is reported, degrees: the typical error of a scanned interface."""
-_REPORTED_FROM_FRACTION = 0.002
-"""Displacement from which a settling is reported, as a fraction of the rock's height; a rock scanned at rest moves
-less."""
+"""Tilt, or displacement as of such a tilt, from which a settling is reported, degrees: the error of an interface."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +39,11 @@ class Settling:
         )
 
     @property
+    def moved_deg(self) -> float:
+        """Tilt about the rock's foot that would move its top as far."""
+        return math.degrees(self.moved_m / self.height_m)
+
+    @property
     def sentence(self) -> str | None:
         """Sentence on the settling; None where the rock stands as scanned."""
         if self.tilt_deg >= _REPORTED_FROM_DEG:
@@ -48,7 +51,7 @@ class Settling:
                 f"the rock settles by {self.tilt_deg:.1f}° toward azimuth {self.toward_deg:.0f}° "
                 f"({self.moved_m:.2g} m at its farthest point) before it is shaken"
             )
-        if self.moved_m >= _REPORTED_FROM_FRACTION * self.height_m:
+        if self.moved_deg >= _REPORTED_FROM_DEG:
             return f"the rock settles by {self.moved_m:.2g} m at its farthest point before it is shaken"
         return None
 

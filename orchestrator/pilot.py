@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from toppling.models.errors import InputError
+from toppling.models.frames import STANDARD_GRAVITY_M_S2
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.plan import Plan, expected_s, plan_of
@@ -26,10 +27,8 @@ _MOST_FRACTION = 0.8
 """Fraction of the trial records that must topple the rock before trials end."""
 _GROWTH = 1.35
 """Ratio of successive trial levels."""
-_HIGHEST_M_S2 = 20.0
-"""Maximum trial level, m/s²: twice gravity."""
 _HIGHEST_OVER_LEAST = 4.0
-"""Maximum trial level of a squat rock, in multiples of its least static acceleration."""
+"""Maximum trial level in multiples of the least static acceleration, of a squat rock; of others twice gravity."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +79,7 @@ def _spread_records(ensemble: Ensemble, count: int) -> list[str]:
 
 def levels_to_try(least_m_s2: float) -> list[float]:
     """Trial levels, from above the least static acceleration to the maximum."""
-    highest = max(_HIGHEST_M_S2, _HIGHEST_OVER_LEAST * least_m_s2)
+    highest = max(2.0 * STANDARD_GRAVITY_M_S2, _HIGHEST_OVER_LEAST * least_m_s2)
     count = int(math.log(highest / least_m_s2) / math.log(_GROWTH))
     return [*(least_m_s2 * _GROWTH**step for step in range(1, count + 1)), highest]
 

@@ -108,9 +108,7 @@ def scene_entries(plan: Plan, settlings: Sequence[Settlings]) -> dict[str, Any]:
 
 
 _LARGE_FROM_DEG = 1.0
-"""Tilt from which a settling exceeds the error of an interface."""
-_LARGE_FROM_FRACTION = 0.01
-"""Displacement over height from which it does."""
+"""Tilt, or displacement as of such a tilt, from which a settling exceeds the error of an interface."""
 
 _WHY_A_SCANNED_ROCK_SETTLES = (
     "it was scanned at rest, so one observation contradicts standing: a rim that is not where it seems, another plane "
@@ -163,8 +161,7 @@ class Settled:
     @property
     def is_large(self) -> bool:
         """Whether the settling exceeds the interface's error, so that it should be inspected."""
-        found = self.settling
-        return found.tilt_deg >= _LARGE_FROM_DEG or found.moved_m >= _LARGE_FROM_FRACTION * found.height_m
+        return max(self.settling.tilt_deg, self.settling.moved_deg) >= _LARGE_FROM_DEG
 
     @property
     def sentences(self) -> list[str]:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import click
 
+from toppling.models import caching
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import option
 
@@ -30,9 +31,6 @@ preset = "fast"
 """
 _DESIGNS = ((1, 8), (1, 4), (2, 4), (2, 2), (3, 2), (3, 1), (6, 1))
 """Step of the levels in m/s2 and number of azimuths, from the study's own to coarser ones."""
-
-_BASES = 8
-"""Maximum number of drawn bases that jobs are spread over: preparing one takes a second."""
 
 _QUERY = """\
 select level_pga_m_s2, count(toppled) as jobs, round(avg(toppled::int), 2) as p_toppled,
@@ -122,8 +120,8 @@ def _plan(out: Path, workers: int, seconds: float) -> None:
     jobs_of = {design: _RECORDS * (1 + 18 // design[0]) * design[1] for design in _DESIGNS}
     step, sides = next((design for design in _DESIGNS if jobs_of[design] <= affordable), _DESIGNS[-1])
     azimuths = [45 + 360 * side / sides for side in range(sides)]
-    # The base is unknown: use as many draws as each record has jobs, up to the number that is quickly prepared.
-    realisations = 1 if scene.unseen is None else min(_BASES, (1 + 18 // step) * sides)
+    # The base is unknown: use as many draws as each record has jobs, up to the number that a worker caches.
+    realisations = 1 if scene.unseen is None else min(caching.MOST, (1 + 18 // step) * sides)
     turned = [azimuth % 360 for azimuth in azimuths]
     text = _CAMPAIGN.format(step=step, azimuths=turned, realisations=realisations)
     (out / "campaign.toml").write_text(text, encoding="utf-8")

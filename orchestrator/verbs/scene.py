@@ -8,9 +8,6 @@ from toppling.orchestrator.cli import Verbs
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import option
 
-_SHOW_PARTS = 10
-"""Number of steps of progress of 'scene show', about a second each."""
-
 
 @click.group(cls=Verbs)
 def scene() -> None:
@@ -38,7 +35,7 @@ def show(folder: Path, out: Path | None) -> None:
     from toppling.orchestrator.progress import bar
 
     shared.compile_first()
-    with bar("scene", _SHOW_PARTS) as advance:
+    with bar("scene", 3) as advance:
         advance(0, "settling")
         from toppling.models.files.folder import rock_name, write_text
         from toppling.models.hidden_base.intervals import base_sentences
@@ -49,9 +46,9 @@ def show(folder: Path, out: Path | None) -> None:
         loaded = Scene.load(folder)
         target.mkdir(parents=True, exist_ok=True)
         notes = settling_notes(loaded) + base_sentences(loaded.report)
-        advance(3, "scene.png")
+        advance(1, "scene.png")
         draw_scene(loaded, target / "scene.png")
-        advance(5, "scene.html")
+        advance(1, "scene.html")
         write_text(scene_page(loaded, rock_name(folder), notes), target / "scene.html")
         drawn = [target / name for name in ("scene.png", "scene.html")]
         advance(1, "settling.png")

@@ -12,7 +12,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.special import log_ndtr, logsumexp, ndtri, stdtrit
 
-from toppling.models.arrays import Array, Flags, Indices
+from toppling.models.arrays import AT_ONCE, Array, Flags, Indices
 from toppling.models.hidden_base.intervals import inspection_sentence
 from toppling.models.proportions import effective_number
 from toppling.results.analysis import CONFIDENCE, SAMPLES
@@ -262,10 +262,6 @@ def _plane(coordinates: Array) -> Array:
     )
 
 
-_AT_ONCE = 200_000
-"""Maximum number of elements of an array of jobs by samples, which bounds memory."""
-
-
 def refitted(
     design: Array, share: Array, trials: Array, link: str, start: Sequence[float], weights: NDArray[np.int64]
 ) -> Iterator[Array]:
@@ -277,6 +273,6 @@ def refitted(
     start: (coefficients,), those of the fit with unit weights.
     weights: (samples, groups), how often each group was drawn.
     """
-    block = max(1, _AT_ONCE // max(1, len(design)))
+    block = max(1, AT_ONCE // max(1, len(design)))
     for first in range(0, len(weights), block):
         yield from scored(design, share, trials * weights[first : first + block], link, np.asarray(start))

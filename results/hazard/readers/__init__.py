@@ -32,9 +32,6 @@ __all__ = ["Hints", "assembly", "event_sets", "read_hazard"]
 _MOST_FILES = 20_000
 """Maximum number of files in a folder."""
 
-_MOST_BYTES = 200_000_000
-"""Maximum size of a file."""
-
 _DIALECTS: dict[str, tuple[ModuleType, ...]] = {
     "json": (nshmp,),
     "xml": (nrml,),
@@ -111,7 +108,7 @@ def _stated(path: Path, hints: Hints) -> list[Stated]:
 
 
 def _text(path: Path) -> str:
-    content = bytes_given(path, refused, _MOST_BYTES)
+    content = bytes_given(path, refused)
     if other := other_kind(content[:HEAD_BYTES]):
         remedy = nrml.EXPORT if content.startswith(b"\x89HDF") else other[1]
         refuse("file.binary", path, f"is {other[0]}", remedy)

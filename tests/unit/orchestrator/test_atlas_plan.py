@@ -10,7 +10,7 @@ from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.dispatch import Dispatch
-from toppling.orchestrator.plan import JOBS_OF_A_ROCK, plan, plan_of, taking_turns
+from toppling.orchestrator.plan import JOBS_OF_A_SCENE, plan, plan_of, taking_turns
 from toppling.orchestrator.site_table import read_sites, sites_text
 
 AXES = {"pga_m_s2": [2, 4, 8], "azimuth_deg": [0, 90], "friction": [0.8]}
@@ -81,7 +81,7 @@ def test_every_beginning_of_an_atlas_holds_as_much_of_each_rock_up_to_a_batch():
     assert sorted(order) == list(range(3000))
     for beginning in range(0, 3001, 100):
         counts = np.bincount(order[:beginning] // 1000, minlength=3)
-        assert np.ptp(counts) <= JOBS_OF_A_ROCK
+        assert np.ptp(counts) <= JOBS_OF_A_SCENE
 
 
 def test_a_batch_is_of_one_rock_to_the_last():

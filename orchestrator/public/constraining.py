@@ -254,7 +254,12 @@ def _judged_by_events(
     jobs: jobs of those rocks that are runs.
     advance: called before each bootstrap sample of records.
     """
-    events, measures = _of_set(question) if question.event_set else _of_curves(question)
+    if question.event_set:
+        events, measures = _of_set(question)
+    else:
+        measures = question.asked.measures
+        trees = [read_tree(question.hazard, replace(question.asked, measure=name)) for name in measures]
+        events = _of_two_trees(trees[0], trees[1], question.events.correlation)
     names = names_of(question.paths)
     sites, away_km = _placed(names, events, question.sites if question.event_set else ())
     rocks = [
@@ -286,13 +291,6 @@ def _of_set(question: Question) -> tuple[EventSet, tuple[str, ...]]:
             remedy="give one --measure, or both hazard curves of which --correlation gives the joint rate",
         )
     return events, measures
-
-
-def _of_curves(question: Question) -> tuple[EventSet, tuple[str, ...]]:
-    """Convert curves of two measures to a set of events."""
-    asked = question.asked
-    trees = [read_tree(question.hazard, replace(asked, measure=name)) for name in asked.measures]
-    return _of_two_trees(trees[0], trees[1], question.events.correlation), asked.measures
 
 
 def _fragility(

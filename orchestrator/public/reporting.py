@@ -107,7 +107,14 @@ def report(
     from toppling.results.drawing.report.write import provenance, report_page, write_pdf
     from toppling.results.hazard.ages import age_given, parse_age
 
-    _ages_for(hazard, bool(age))
+    if hazard and not age:
+        raise UsageError(
+            "age.needed",
+            "a hazard without the rock's age",
+            where="hazard",
+            expected="an age, which turns rates into probabilities",
+            remedy="give the age too: --age 15000..30000, or age='15000..30000' in Python",
+        )
     opened = _opened(run)
     target = Path(out) if out else place_in(opened.path, "report.html")
     tree = read_tree(tuple(hazard), HazardQuestion(site, ratio, measure, years)) if hazard else None
@@ -134,14 +141,3 @@ def _of_many(atlas: Run, target: Path, samples: int, advance: Callable[..., None
 
 def _opened(run: Run | str | Path) -> Run:
     return run if isinstance(run, Run) else open_run(run)
-
-
-def _ages_for(hazard: Sequence[str], dated: bool) -> None:
-    if hazard and not dated:
-        raise UsageError(
-            "age.needed",
-            "a hazard without the rock's age",
-            where="hazard",
-            expected="an age, which turns rates into probabilities",
-            remedy="give the age too: --age 15000..30000, or age='15000..30000' in Python",
-        )

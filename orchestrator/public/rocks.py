@@ -21,7 +21,7 @@ from toppling.results.analysis.exchange import read_curves
 from toppling.results.analysis.fits import answered, curve_over, with_measure
 from toppling.results.analysis.fragility import by_contact
 from toppling.results.analysis.lognormal import Basis, Lognormal, fit
-from toppling.results.analysis.resampling import SAMPLES
+from toppling.results.analysis.resampling import SAMPLES, narrowed_by
 from toppling.results.hazard.events import Standing
 from toppling.results.hazard.places import SITE_REACH_KM, distance_km
 from toppling.results.hazard.tree import HazardTree
@@ -36,6 +36,7 @@ class Jobs:
     frame: pd.DataFrame
     weights: Weights | None
     completeness: Completeness | None
+    scan: dict[str, Any]  # report of the scan of the rock
 
 
 def of_atlases(
@@ -115,7 +116,7 @@ def standing_rock(
             expected="a lognormal fragility over the measure of the hazard",
             remedy="'toppling fragility RUN --fit' lists the measures that have one",
         )
-    return Standing(name, curve)
+    return Standing(name, curve, narrowed_by=narrowed_by(curve.interval_parts, jobs.scan) if jobs else "")
 
 
 def read_jobs(path: Path, where: str | None, trusted: bool, recorded: Recorded | None) -> Jobs:
@@ -152,7 +153,7 @@ def read_jobs(path: Path, where: str | None, trusted: bool, recorded: Recorded |
     if recorded:
         weights = _weighed(path, bare, recorded, weights)
         jobs = run.weighted(bare, weights)
-    return Jobs(jobs, weights, run.completeness() if run.planned() else None)
+    return Jobs(jobs, weights, run.completeness() if run.planned() else None, run.scene_report())
 
 
 def _weighed(path: Path, jobs: pd.DataFrame, recorded: Recorded, own: Weights | None) -> Weights:

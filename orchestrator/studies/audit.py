@@ -31,11 +31,12 @@ from toppling.workers.options import PRESETS
 
 log = logging.getLogger(__name__)
 
-_COST_FRACTION = 0.1
-"""Maximum cost of an audit as a fraction of the run's, unless a number of jobs is requested."""
+_COST_FRACTION = 0.09
+"""Cost of an audit as a fraction of the run's, below a tenth since the last repetitions may cost more than the others,
+unless a number of jobs is requested."""
 
 _FIRST_JOBS = 4
-"""Number of jobs that each auditor repeats first: what these cost tells how many it can afford."""
+"""Number of jobs that each auditor repeats first, and doubles: what they cost tells how many it can afford."""
 
 _DRAWN_COLUMNS = ["job_id", "status", "wall_s", "finished_at"]
 
@@ -223,9 +224,12 @@ class Auditing:
 
     def carry_out(self, work: Work) -> None:
         """Run or resume the audit."""
+        campaign = work.planned.campaign
         able, count = self._due(work.planned, work.folder)
-        if work.planned.campaign.audit is None and count:
-            audit(work, _FIRST_JOBS, able)
-            able, count = self._due(work.planned, work.folder)
-        if count:
-            audit(work, count, able)
+        jobs = count if campaign.audit else _FIRST_JOBS
+        while count:
+            audit(work, min(jobs, count), able)
+            if jobs >= count:
+                return
+            jobs *= 2
+            able, count = affordable(campaign, drawn(work.folder), work.folder)

@@ -5,6 +5,7 @@ depend on the number of workers or on interruptions.
 """
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -16,6 +17,7 @@ from toppling.orchestrator.campaign import Campaign, TargetSpec
 from toppling.orchestrator.journal import log_event
 from toppling.orchestrator.plan import Plan, Rows
 from toppling.orchestrator.run_folder import set_jobs
+from toppling.results.analysis.resampling import narrowed_by
 from toppling.results.precision.design import Pool, Rounds, statement_of, write_statements
 from toppling.results.precision.probit import answers_of
 from toppling.results.precision.target import Target
@@ -99,17 +101,17 @@ class JobsForPrecision:
 
     def _advance(self, finished: set[str]) -> None:
         """Judge the rounds whose jobs all have rows, and choose the next ones."""
-        frame = pd.DataFrame()
+        frame, scan = pd.DataFrame(), {}
         if any(rounds.sizes for rounds in self.rounds.values()):
             run = open_run(self.folder)
-            frame = run.weighted(run.frame())
+            frame, scan = run.weighted(run.frame()), run.scene_report()
         self.statements = []
         for contact, rounds in self.rounds.items():
             if not rounds.ended:
                 jobs = [self.ids[row] for row in rounds.chosen]
                 rounds.advance(answers_of(frame, jobs, self.measures, self.records) if rounds.sizes else None)
             if rounds.verdict is not None:
-                self.statements.append(self._statement(frame, contact, rounds))
+                self.statements.append(self._statement(frame, contact, rounds, scan))
         if self.statements:
             write_statements(self.folder, self.statements, self.planned.id)
         there = finished | {self.ids[row] for rounds in self.rounds.values() for row in rounds.chosen}
@@ -122,12 +124,18 @@ class JobsForPrecision:
             said=[statement["sentence"] for statement in self.statements],
         )
 
-    def _statement(self, frame: pd.DataFrame, contact: tuple[float, ...], rounds: Rounds) -> dict:
+    def _statement(
+        self, frame: pd.DataFrame, contact: tuple[float, ...], rounds: Rounds, scan: dict[str, Any]
+    ) -> dict:
         """Statement from the judged jobs; those of the next round have no rows yet."""
         there = frame[frame["job_id"].isin([self.ids[row] for row in rounds.chosen[: rounds.judged]])]
         there = there[there["toppled"].notna()]
         named = dict(zip(_CONTACT, contact, strict=True))
-        return statement_of(rounds, len(there), there["record_id"].nunique(), named)
+        found = statement_of(rounds, len(there), there["record_id"].nunique(), named)
+        if found["value"] is None or found["base"] <= found["precision"]:
+            return found
+        narrowed = narrowed_by({"records": found["precision"], "base": found["base"]}, scan)
+        return {**found, "sentence": f"{found['sentence']}. {narrowed}"}
 
 
 def borne_words(campaign: Campaign) -> str:

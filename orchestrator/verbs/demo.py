@@ -53,10 +53,14 @@ def demo(out: Path, workers: int, seconds: float) -> None:
     \b
     toppling demo --out demo
     """
+    from toppling.models.motions.ensemble import Ensemble
+    from toppling.models.motions.synthetic import synthetic_ensemble
+
     began = time.monotonic()
     _clear(out)
     _make_scene(out)
-    _make_records(out)
+    _say(f"records: {_RECORDS} stochastic ground motions, M 6 to 8 at 5 to 100 km")
+    Ensemble.write(out / "ensemble", synthetic_ensemble(_RECORDS, _SEED))
     _plan(out, workers, seconds)
     failed = _run(out, workers)
     figures = _draw(out)
@@ -97,14 +101,6 @@ def _make_scene(out: Path) -> None:
         f"{rock.height_m:.1f} m high, on a pedestal that dips {pedestal.slope_deg:.1f}° "
         f"toward azimuth {pedestal.downhill_azimuth_deg:.0f}°"
     )
-
-
-def _make_records(out: Path) -> None:
-    from toppling.models.motions.ensemble import Ensemble
-    from toppling.models.motions.synthetic import synthetic_ensemble
-
-    _say(f"records: {_RECORDS} stochastic ground motions, M 6 to 8 at 5 to 100 km")
-    Ensemble.write(out / "ensemble", synthetic_ensemble(_RECORDS, _SEED))
 
 
 def _plan(out: Path, workers: int, seconds: float) -> None:

@@ -90,7 +90,8 @@ def _print_result(drawn: "Fragility", *, weighted: bool) -> None:
             click.echo(
                 what_topples(curve, contact_words(of_contact, jobs), drawn.run.on_one_base(of_contact))
             )
-            click.echo(narrowed_by(curve.interval_parts, drawn.run.scene_report()))
+            if narrowed := narrowed_by(curve.interval_parts, drawn.run.scene_report()):
+                click.echo(narrowed)
     for audit in drawn.audits.values():
         click.echo(audit.sentence)
     if weighted and (weights := drawn.run.weights()):

@@ -20,8 +20,6 @@ from toppling.results.hazard.gmm import MEASURES, MECHANISMS, MODELS, GroundMoti
 from toppling.results.hazard.places import check_place, read_faults
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from toppling.results.hazard.magnitudes import Exclusions
 
 _PRINTED_DISTANCES_KM = (1, 2, 5, 10, 20, 50, 100)
@@ -152,29 +150,16 @@ def magnitudes(
         "age": age_given(age or ""), "age_years": None if years is None else float(years.mean()),
         "without_site_term": [model.name for model in grid_of if not model.has_site_term],
     }  # fmt: skip
-    bins = None
+    words = _words(statement)
     if taken_apart:
         bins = exclusion.excluded_bins(taken_apart.bins, grid_of, grid, standing.curve, occurrences)
         statement["deaggregation"] = {"of": taken_apart.of, "bins": bins.to_dict("records")}
-    _print_result(answer, statement, bins, out, as_json)
-
-
-def _print_result(
-    answer: "Exclusions",
-    statement: dict[str, Any],
-    bins: "pd.DataFrame | None",
-    out: Path | None,
-    as_json: bool,
-) -> None:
-    """Write and print the exclusions, with the excluded fraction of a hazard's bins if requested."""
-    from toppling.results.hazard.magnitudes import bins_words
-
+        words += exclusion.bins_words(bins)
+        if out:
+            write_csv(bins, out / "deaggregation.csv")
     if out:
         _write(answer, out, statement)
-        if bins is not None:
-            write_csv(bins, out / "deaggregation.csv")
-    words = "\n".join([_words(statement), *([] if bins is None else bins_words(bins))])
-    click.echo(json.dumps(statement, indent=1, allow_nan=False) if as_json else words)
+    click.echo(json.dumps(statement, indent=1, allow_nan=False) if as_json else "\n".join(words))
 
 
 def _check_usage(
@@ -235,10 +220,11 @@ def _write(answer: "Exclusions", out: Path, statement: dict[str, Any]) -> None:
         parts = [pair[index].assign(occurrence=occurrence) for occurrence, pair in answer.tables.items()]
         write_csv(pd.concat(parts, ignore_index=True), out / f"{name}.csv")
     first = {name: pair[0] for name, pair in answer.tables.items()}
-    save(magnitudes_figure(first, statement["confidence"], limits), out / "magnitudes")
+    last = answer.occurrences[-1]
+    chances = last.name, exclusion.toppled(answer.grid, answer.rock.curve, last)
+    save(magnitudes_figure(first, statement["confidence"], answer.grid, chances), out / "magnitudes")
     if answer.traces:
         write_csv(answer.faults, out / "faults.csv")
-        last = answer.occurrences[-1]
         allowed = answer.faults.loc[answer.faults["occurrence"] == last.name, "magnitude"]
         drawn = [
             replace(trace, magnitude=magnitude)
@@ -253,7 +239,7 @@ def _write(answer: "Exclusions", out: Path, statement: dict[str, Any]) -> None:
         save(faults_figure(drawn, circles, f"standing, {last.name}", limits), out / "faults")
 
 
-def _words(statement: dict[str, Any]) -> str:
+def _words(statement: dict[str, Any]) -> list[str]:
     from toppling.results.drawing.sentences import LEAST_FRACTION, age_words, fragility_words
     from toppling.results.hazard.magnitudes import REFERENCE
 
@@ -269,8 +255,8 @@ def _words(statement: dict[str, Any]) -> str:
             lines += [f"  {line}" for line in _distance_lines(case)]
         if case["topples_ergodic"] - case["topples"] > LEAST_FRACTION:
             lines.append(
-                f"  {at} it topples with {case['topples']:.3f}; were the site's own term drawn anew in each "
-                f"earthquake, with {case['topples_ergodic']:.3f}"
+                f"  {at} they topple it with a probability of {case['topples']:.3f}; were the site's own term drawn "
+                f"anew in each earthquake, of {case['topples_ergodic']:.3f}"
             )
     lines += map(_fault_line, statement["faults"])
     lines.append(
@@ -288,16 +274,17 @@ def _words(statement: dict[str, Any]) -> str:
             "The models' component (RotD50) is taken as the peak of the horizontal vector; give --ratio, about 1.2, to "
             "set it right."
         )
-    lines += [
-        f"With {effect['option']} {effect['value']} instead of {effect['instead_of']}, {at}: median times "
-        f"{effect['median_factor']:.3f}, sigma {effect['sigma']:.3f} instead of {effect['sigma_before']:.3f}."
-        for effect in statement["effects"]
-    ]
+    for effect in statement["effects"]:
+        factor, sigma, before = (effect[name] for name in ("median_factor", "sigma", "sigma_before"))
+        does = f"the median times {factor:.3f}, sigma {sigma:.3f} instead of {before:.3f}"
+        if (factor, sigma) == (1.0, before):
+            does = "no effect on the models' motion"
+        lines.append(f"{effect['option']} {effect['value']} instead of {effect['instead_of']}, {at}: {does}.")
     if statement["without_site_term"]:
         lines.append(
             f"{', '.join(statement['without_site_term'])}: for hard rock, without a site term; --vs30 is not used."
         )
-    return "\n".join(lines)
+    return lines
 
 
 def _distance_lines(case: dict[str, Any]) -> list[str]:
@@ -326,7 +313,8 @@ def _fault_line(fault: dict[str, Any]) -> str:
     own = ""
     if fault["stated_magnitude"] is not None:
         own = (
-            f"; its magnitude {fault['stated_magnitude']:g} topples with {fault['topples']:.2g} an event: "
+            f"; its magnitude {fault['stated_magnitude']:g} topples the rock with a probability of "
+            f"{fault['topples']:.2g} an event: "
             f"{'excluded' if fault['excluded'] else 'not excluded'}"
         )
     beyond = "; beyond the models' distances, taken as their farthest" if fault["beyond_models"] else ""

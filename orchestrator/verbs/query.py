@@ -1,7 +1,6 @@
 """`toppling query`: SQL over runs."""
 
 import json
-from collections.abc import Iterable
 from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -63,7 +62,9 @@ def query(
         from toppling.orchestrator.public.reporting import query as answer_of
 
         table = answer_of(runs, queries[0], trusted=trusted)
-        _say_unfinished(runs)
+        for run in runs:
+            if remark := open_run(run).completeness().remark:
+                click.echo(f"{run} is unfinished: {remark}", err=True)
     if parquet:
         with new_file(parquet) as hidden:
             pq.write_table(table, hidden, compression="zstd")
@@ -73,12 +74,6 @@ def query(
         click.echo(json.dumps(finite(table.to_pylist()), indent=1, allow_nan=False, default=_plain))
     elif not parquet:
         click.echo(_readable(table))
-
-
-def _say_unfinished(runs: Iterable[str]) -> None:
-    for run in runs:
-        if remark := open_run(run).completeness().remark:
-            click.echo(f"{run} is unfinished: {remark}", err=True)
 
 
 def _frame(table: pa.Table) -> "pd.DataFrame":

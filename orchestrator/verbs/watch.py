@@ -47,11 +47,13 @@ def shown(run: Path) -> dict[str, Any]:
     state = state_of(run)
     opened = open_run(run)
     frame = opened.frame()
+    counts = ", ".join(f"{name} {count}" for name, count in state["status"].items())
     state_shown = {name: state[name] for name in ("state", "jobs", "stored", "failures")}
     return state_shown | {
         "name": opened.name,
         "sentence": _sentence(state),
-        "counts": _counts(state),
+        "counts": f"{state['toppled']} toppled, {state['failed']} without an answer"
+        + (f" ({counts})" if counts else ""),
         "maps": [
             {"says": _headline(opened, jobs, frame), **_map(name, jobs)}
             for name, jobs in (by_contact(opened.weighted(frame)).items() if len(frame) else ())
@@ -69,21 +71,17 @@ def _sentence(state: dict[str, Any]) -> str:
     return ", ".join(parts)
 
 
-def _counts(state: dict[str, Any]) -> str:
-    counts = ", ".join(f"{name} {count}" for name, count in state["status"].items())
-    return f"{state['toppled']} toppled, {state['failed']} without an answer" + (
-        f" ({counts})" if counts else ""
-    )
-
-
 def _headline(run: Run, jobs: "pd.DataFrame", among: "pd.DataFrame") -> str:
     """First sentence of the report for a contact; empty while there are too few topplings."""
     from toppling.results.analysis.fits import curve_over
     from toppling.results.analysis.fragility import contact_words
+    from toppling.results.analysis.resampling import narrowed_by
     from toppling.results.drawing.sentences import what_topples
 
-    curve = curve_over(jobs, HEADLINE_MEASURE)
-    return what_topples(curve, contact_words(jobs, among), run.on_one_base(jobs)) if curve else ""
+    if (curve := curve_over(jobs, HEADLINE_MEASURE)) is None:
+        return ""
+    first = what_topples(curve, contact_words(jobs, among), run.on_one_base(jobs))
+    return f"{first} {narrowed_by(curve.interval_parts, run.scene_report())}"
 
 
 def _map(name: str, jobs: "pd.DataFrame") -> dict[str, Any]:

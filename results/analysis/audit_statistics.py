@@ -109,10 +109,9 @@ class Audit:
         agrees = "agree within" if self.agrees else "differ beyond"
         what = "the finest steps" if self.by == REFERENCE else f"the contacts and steps of {self.by}"
         return (
-            f"{self.jobs} of {self.of_jobs:,} jobs were repeated with {what}: the answers {agrees} the intervals "
-            f"(95 %). Relative to these the run's median PGA is shifted by {shift} %, its share toppled by "
-            f"{share.text('{:+.3f}')}. {up + down} single answers differ: {up} topple only in the run, {down} only "
-            "when repeated; near the threshold single answers depend on steps and contacts"
+            f"{self.jobs} of {self.of_jobs:,} jobs were repeated with {what}: the answers {agrees} chance (95 %). "
+            f"The run's median PGA is shifted by {shift} %, its share toppled by {share.text('{:+.3f}')}; {up} toppled "
+            f"only in the run, {down} only when repeated: near the threshold answers depend on steps and contacts"
         )
 
 
@@ -124,15 +123,11 @@ def audits_of(run: Run, measure: str = "pga_m_s2") -> dict[str, Audit]:
     found = {}
     for place in sorted(places, key=lambda place: (place.name != REFERENCE, place.name)):
         check_audit(run.path, place)
-        repeated = _repeated(place)
+        repeated = as_frame(read_steady([place], lambda: newest_rows(result_files(place))))  # noqa: B023  (read at once)
         audit = compare(place.name, _drawn_from(rows, place), repeated, measure) if len(repeated) else None
         if audit is not None:
             found[place.name] = audit
     return found
-
-
-def _repeated(place: Path) -> pd.DataFrame:
-    return as_frame(read_steady([place], lambda: newest_rows(result_files(place))))
 
 
 def audit_table(audits: Mapping[str, Audit]) -> pd.DataFrame:
@@ -170,6 +165,8 @@ def compare(by: str, rows: pd.DataFrame, repeated: pd.DataFrame, measure: str = 
     theirs = both.loc[place, "toppled_again"].to_numpy(bool)
     differs = ours.astype(float) - theirs
     up, down = int((differs > 0).sum()), int((differs < 0).sum())
+    weight = known.get("record_weight", pd.Series(1.0, known.index)).to_numpy(float)
+    values = differs * weight[place] / weight.mean()
     return Audit(
         by=by,
         jobs=len(place),
@@ -177,7 +174,7 @@ def compare(by: str, rows: pd.DataFrame, repeated: pd.DataFrame, measure: str = 
         no_answer=len(sample) - len(place),
         flips_to_toppled=up,
         flips_to_standing=down,
-        share_shift=_share_shift(known, place, differs),
+        share_shift=Estimate.around(float(values.mean()), _half_width(values, 1.0, len(known))),
         median_shift_percent=median_shift_percent(known, place, differs, measure),
     )
 
@@ -274,12 +271,6 @@ class _Fragility:
             return float(self.influence @ difference)
         (intercept, slope), (other_intercept, other_slope) = self.coefficients, coefficients
         return float(other_intercept / other_slope - intercept / slope)
-
-
-def _share_shift(known: pd.DataFrame, place: NDArray[np.intp], differs: Array) -> Estimate:
-    weight = known.get("record_weight", pd.Series(1.0, known.index)).to_numpy(float)
-    values = differs * weight[place] / weight.mean()
-    return Estimate.around(float(values.mean()), _half_width(values, 1.0, len(known)))
 
 
 def _half_width(values: Array, typical: float, of_jobs: int) -> float:

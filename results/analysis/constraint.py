@@ -133,7 +133,7 @@ def _single_event(rocks: Sequence[Standing], confidence: float) -> dict[str, Any
         "unexceeded_low": low,
         "unexceeded_high": high,
         "rocks": [
-            {"name": rock.name}
+            {"name": rock.name, "narrowed_by": rock.narrowed_by}
             | curve.numbers
             | (asdict(curve.basis) if curve.basis else {})
             | (

@@ -124,11 +124,13 @@ def narrowed_by(parts: Mapping[str, float], scan: Mapping[str, Any]) -> str:
     if not parts:
         return ""
     found = scan.get("unseen_base") or {}
-    if parts.get("base", 0.0) <= parts["records"] or not found:
+    if parts.get("base", 0.0) <= parts["records"]:
         return "More records would narrow the interval most."
+    if not found:
+        return "The base's part is of a drawn centre of mass and friction: measuring these would narrow it."
     kinds = list(found.get("kinds") or ())
-    kind = f", or whether the base is {' or '.join(kinds)}" if len(kinds) > 1 else ""
-    means = f"a pull test, places that touch or let daylight through{kind} (toppling scan --again)"
+    kind = f", or knowing whether the base is {' or '.join(kinds)}" if len(kinds) > 1 else ""
+    means = f"a pull test, or touches and daylight seen along the crevice{kind} (toppling scan --again)"
     known = (
         [inspection_sentence(found["toppling"], found["without_inspection"])]
         if "without_inspection" in found

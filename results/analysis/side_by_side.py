@@ -17,7 +17,6 @@ from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.reader import Run
 
-_SINGLE_BASE = "on one of the bases that the scan allows"
 ARROW_M = 100.0
 """Length on the map of an arrow that represents all topplings of a rock, m."""
 
@@ -41,13 +40,20 @@ class RockResults:
     least_m_s2: float | None
 
     @property
+    def single_base(self) -> str:
+        """Remark that all jobs are on one of the possible bases; empty otherwise."""
+        known = answered(self.jobs)
+        return (
+            "on one of the bases that the scan allows" if len(known) and self.run.on_one_base(known) else ""
+        )
+
+    @property
     def row(self) -> dict[str, Any]:
         """Row of the table of rocks; None where a value is unknown."""
         known, curve = answered(self.jobs), self.curve
         interval = (curve.median_interval if curve else None) or (None, None)
         parts = curve.interval_parts if curve else {}
         weakest, entry = self.weakest_azimuth_deg, self.run.entry
-        single_base = _SINGLE_BASE if len(known) and self.run.on_one_base(known) else ""
         return {
             "rock": self.name,
             "site": entry.get("site"),
@@ -69,7 +75,9 @@ class RockResults:
             "toppled": int(known["toppled"].sum()),
             "records": int(known["record_id"].nunique()),
             "without_answer": len(self.jobs) - len(known),
-            "remark": "; ".join(filter(None, (self.run.completeness().remark, single_base, self.why_not)))
+            "remark": "; ".join(
+                filter(None, (self.run.completeness().remark, self.single_base, self.why_not))
+            )
             or None,
         }
 

@@ -59,7 +59,7 @@ class Unphysical:
         )
         return (
             f"{self.jobs:,} of {self.of_jobs:,} jobs shook beyond what was ever recorded ({LIMITS_WORDS}){part}: "
-            f"{listed(named)}. {self._change}"
+            f"{listed(named, 2)}. {self._change}"
         )
 
     @property

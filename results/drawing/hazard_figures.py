@@ -26,6 +26,7 @@ from toppling.results.drawing.style import (
     style,
 )
 from toppling.results.hazard.curves import HazardCurve, bearing
+from toppling.results.hazard.magnitudes import MotionGrid
 from toppling.results.hazard.places import FaultTrace
 from toppling.results.hazard.tree import Branch, HazardTree, Statistics
 from toppling.results.hazard.update import Update
@@ -112,15 +113,15 @@ def _draw_named(
     colours = COLOURS(np.linspace(0.15, 0.85, max(1, len(branches))))
     for number, (branch, rates) in enumerate(zip(branches, shown, strict=True)):
         name = branch.name if len(rates) else f"{branch.name} (no rates here)"
-        verdict = "" if verdicts is None else _verdict(verdicts.iloc[number])
+        verdict = ""
+        if verdicts is not None:
+            row = verdicts.iloc[number]
+            judged = "inconsistent" if row["inconsistent"] else "consistent"
+            verdict = f": survival {share_words(row['survival'])}, {judged}"
         axes.plot(
             branch.curve.intensity, branch.curve.annual_rate, ("-", "--", "-.", ":")[number % 4],
             color=colours[number], lw=1.3, label=name + verdict,
         )  # fmt: skip
-
-
-def _verdict(row: pd.Series) -> str:
-    return f": survival {share_words(row['survival'])}, {'inconsistent' if row['inconsistent'] else 'consistent'}"
 
 
 def _within(bound: pd.DataFrame, branch: HazardCurve) -> Array:
@@ -320,16 +321,22 @@ _REACH_KM = 100.0
 def magnitudes_figure(
     tables: dict[str, pd.DataFrame],
     confidence: float,
-    limits: tuple[float, float],
+    grid: MotionGrid,
+    chances: tuple[str, Array],
 ) -> Figure:
-    """Largest magnitude allowed at each distance.
+    """Largest magnitude allowed at each distance, over the probability of toppling.
 
     tables: from `results.hazard.magnitudes.largest_magnitudes`, by name of the occurrence.
-    limits: (low, high), range of magnitudes of the models.
+    chances: name of an occurrence, and the probability (m, r) that it topples the rock.
     """
+    limits = float(grid.magnitude[0]), float(grid.magnitude[-1])
     with style():
-        figure = Figure(figsize=(HALF_WIDTH_IN, 3.0), layout="constrained")
+        figure = Figure(figsize=(HALF_WIDTH_IN, 3.4), layout="constrained")
         axes = figure.subplots()
+        shades = axes.contourf(
+            grid.distance_km, grid.magnitude, chances[1], np.linspace(0, 1, 11), cmap="Greys", vmin=0, vmax=2
+        )
+        figure.colorbar(shades, ax=axes, label=f"probability that it topples ({chances[0]})")
         colours = COLOURS(np.linspace(0.15, 0.75, max(1, len(tables))))
         for number, ((name, table), colour) in enumerate(zip(tables.items(), colours, strict=True)):
             distance = table["distance_km"]
@@ -371,7 +378,9 @@ def faults_figure(
         width_in = 0.75 * FULL_WIDTH_IN
         figure = Figure(figsize=(width_in, 0.82 * width_in), layout="constrained")
         axes = figure.subplots()
-        reach = _reach_km(faults, circles)
+        nearest = [min(np.hypot(*line.T).min() for line in fault.lines) for fault in faults]
+        widest = max((d for d in circles.values() if math.isfinite(d)), default=0.0)
+        reach = 1.15 * max(widest, min(_REACH_KM, max(nearest, default=0.0)), 5.0)
         for fault in faults:
             _draw_fault(axes, fault, shades, reach)
         _draw_circles(axes, circles, _clear_angle(faults, reach))
@@ -431,12 +440,6 @@ def _draw_fault(axes: Axes, fault: FaultTrace, shades: Normalize, reach: float) 
             fault.name + allowed, middle_km, size=6.5, color="0.1", xytext=(0, 5), textcoords="offset points",
             ha="left" if middle_km[0] < 0 else "right", bbox=_PLATE,
         )  # fmt: skip
-
-
-def _reach_km(faults: Sequence[FaultTrace], circles: dict[float, float]) -> float:
-    nearest = [min(np.hypot(*line.T).min() for line in fault.lines) for fault in faults]
-    widest = max((d for d in circles.values() if math.isfinite(d)), default=0.0)
-    return 1.15 * max(widest, min(_REACH_KM, max(nearest, default=0.0)), 5.0)
 
 
 def _shown(values: pd.Series, limits: tuple[float, float]) -> Array:

@@ -170,7 +170,13 @@ def _write_contact(
     of_two = [contact.fitted(names, link) for names in both for link in lognormal.LINKS]
     models = [*contact.models, *of_two]
     table = fits.summary(models)
-    _add_shifts(table, [audit_over(model.measures[0]) if model.lognormal else {} for model in models])
+    audits = [audit_over(model.measures[0]) if model.lognormal else {} for model in models]
+    for by in dict.fromkeys(by for of_model in audits for by in of_model):
+        for part, end in (("value", ""), ("low", "_low"), ("high", "_high")):
+            table[f"median_shift_percent_against_{by}{end}"] = [
+                getattr(of_model[by].median_shift_percent, part) if by in of_model else math.nan
+                for of_model in audits
+            ]
     yield write_csv(table, target / "fits.csv")
     surfaces = [
         replace(surface, basis=fits.basis_of(jobs, surface.measures[0], run))
@@ -190,16 +196,6 @@ def _write_contact(
         observed = fits.observed_fractions(contact.known, chosen.measure)
         figure = fit_figure(chosen, observed, contact.ranking, calibrated)
         yield from save(figure, target / "fits", _remark(run))
-
-
-def _add_shifts(table: pd.DataFrame, audits: Sequence[Mapping[str, Audit]]) -> None:
-    """Add columns to a table of fits with the shift of each median relative to each audit."""
-    for by in dict.fromkeys(by for of_model in audits for by in of_model):
-        for part, end in (("value", ""), ("low", "_low"), ("high", "_high")):
-            table[f"median_shift_percent_against_{by}{end}"] = [
-                getattr(of_model[by].median_shift_percent, part) if by in of_model else math.nan
-                for of_model in audits
-            ]
 
 
 def _remark(run: Completeness | None) -> str:

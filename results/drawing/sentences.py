@@ -27,11 +27,11 @@ def what_topples(curve: Lognormal, contact: str, single_base: bool) -> str:
         share = float(curve.probability(strongest))
         return (
             "The shaking that topples the rock in one case in two lies beyond what was run: the strongest had a "
-            f"{name} of {strongest:.3g} {unit}, where {share_words(share)} topple ({rested})."
+            f"{name} of {digits(strongest)} {unit}, where {share_words(share)} topple ({rested})."
         )
     return (
-        f"Shaking with a {name} of {curve.median:.2g} {unit}{interval_words(curve.numbers, strongest)} topples the "
-        f"rock in one case in two, and with {curve.intensity(0.05):.2g} {unit} in one in twenty ({rested})."
+        f"Shaking with a {name} of {digits(curve.median)} {unit}{interval_words(curve.numbers, strongest)} topples the "
+        f"rock in one case in two, and with {digits(curve.intensity(0.05))} {unit} in one in twenty ({rested})."
     )
 
 
@@ -42,10 +42,9 @@ def interval_words(numbers: dict[str, Any], strongest: float | None) -> str:
     """
     if (low := numbers.get("median_low")) is None:
         return ""
-    high = numbers["median_high"]
-    end = f"beyond {strongest:.2g}" if strongest is not None and high > strongest else f"{high:.2g}"
+    end = within(numbers["median_high"], strongest)
     parts = parts_words({name: numbers[f"median_{name}"] for name in CAUSES if f"median_{name}" in numbers})
-    return f" (95 %: {low:.2g} to {end}{'; ' if parts else ''}{parts})"
+    return f" (95 %: {digits(low)} to {end}{'; ' if parts else ''}{parts})"
 
 
 LEAST_FRACTION = 5e-4
@@ -86,16 +85,16 @@ def answer(statement: dict[str, Any]) -> list[str]:
         every = "Both" if out == 2 else f"All {out}"
         first = f"{every} branches of the hazard are inconsistent with {standing} {at}: survival is at most {most}."
         return [first, _allowed(statement)]
-    lines = [line for line in (*_falls(statement), _allowed(statement)) if line]
     weight = f", with {share_words(counts['weight_inconsistent'])} of the prior weight" if out else ""
-    return [
-        *lines,
-        f"Survival under the {len(alive)} branches is {share_words(counts['survival_mean_of_branches'])} on average, "
-        f"{share_words(min(alive))} to {share_words(max(alive))}; {out or 'none'} of them "
-        f"{'are' if out > 1 else 'is'} inconsistent with {standing} {at}{weight}.",
-        f"The branch set counts as {counts['effective_branches_prior']:.3g} equal branches by its prior weights, "
-        f"and {counts['effective_branches_posterior']:.3g} by its posterior weights.",
-    ]
+    first = (
+        f"{out or 'None'} of the {len(alive)} branches {'are' if out > 1 else 'is'} inconsistent with {standing} "
+        f"{at}{weight}: survival is {share_words(counts['survival_mean_of_branches'])} on average, "
+        f"{share_words(min(alive))} to {share_words(max(alive))}."
+    )
+    before, after = (f"{counts[f'effective_branches_{when}']:.3g}" for when in ("prior", "posterior"))
+    weighed = f"The branch set counts as {before} equal branches by its prior weights, {after} by the posterior ones."
+    lines = [first, *_falls(statement), _allowed(statement), weighed if after != before else ""]
+    return list(filter(None, lines))
 
 
 def by_site_and_measure(
@@ -252,7 +251,9 @@ def ages_words(rocks: Sequence[Standing], width_in: float = math.inf) -> str:
 
 def _rock_lines(statement: dict[str, Any]) -> list[str]:
     """Lines on the rocks, their single-event constraint, and its basis."""
-    lines = [_rock_line(rock, statement["measure"]) for rock in statement["rocks"]]
+    lines: list[str] = []
+    for rock in statement["rocks"]:
+        lines += filter(None, (_rock_line(rock, statement["measure"]), rock.get("narrowed_by")))
     if "unexceeded" in statement:
         lines += _single_event_lines(statement)
     unit = printed_unit(statement["measure"]) if "unexceeded" in statement else ""

@@ -135,6 +135,7 @@ class Standing:
     site: int = 0  # index of its site among those of the events
     since: Since | None = None  # date at which it became as fragile as now; None where it always was
     age: str = ""  # label of its age
+    narrowed_by: str = ""  # which measurement would narrow the interval of its fragility
 
     @property
     def curve(self) -> Lognormal:

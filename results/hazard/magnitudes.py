@@ -145,25 +145,25 @@ def sigma_parts(grid: MotionGrid, measure: str) -> dict[str, float]:
 
 
 def effects(models: Sequence[GroundMotionModel], grid: MotionGrid) -> list[dict[str, Any]]:
-    """Effect at `REFERENCE` of each option about the site or source that changes a motion, averaged over the models.
+    """Effect at `REFERENCE` of each option about the site or source that is given, averaged over the models.
 
-    Of the options that were given, against the models' own estimates; of the source of Vs30, against the other one.
+    Against the models' own estimates; of the source of Vs30, against the other one.
     """
-    found, before = [], reference_grid(models, grid)
+    found, here = [], reference_grid(models, grid)
     other = "inferred" if models[0].vs30_source == "measured" else "measured"
-    changed: dict[str, tuple[str, Any]] = {
-        "vs30_source": ("--vs30-source", other), "hypocentre_km": ("--hypocentre", None),
-        "depth_1_0_km": ("--basin", None),
+    changed: dict[str, tuple[str, str, Any]] = {
+        "vs30_source": ("--vs30-source", "", other), "hypocentre_km": ("--hypocentre", " km", None),
+        "depth_1_0_km": ("--basin", " km", None),
     }  # fmt: skip
-    for name, (option, value) in changed.items():
+    for name, (option, unit, value) in changed.items():
         if (given := getattr(models[0], name)) == value:
             continue
-        after = reference_grid([replace(model, **{name: value}) for model in models], grid)
-        factor = math.exp(float(grid.weights @ (after.mean - before.mean)[:, 0]))
-        sigma, sigma_before = (float(grid.weights @ at.sigma[:, 0]) for at in (after, before))
-        if (factor, sigma) != (1.0, sigma_before):
+        without = reference_grid([replace(model, **{name: value}) for model in models], grid)
+        factor = math.exp(float(grid.weights @ (here.mean - without.mean)[:, 0]))
+        sigma, sigma_before = (math.sqrt(grid.weights @ at.sigma[:, 0] ** 2) for at in (here, without))
+        if given != getattr(GroundMotionModel, name) or (factor, sigma) != (1.0, sigma_before):
             found.append({
-                "option": option, "value": value or "estimated by the model", "instead_of": given,
+                "option": option, "value": f"{given}{unit}", "instead_of": value or "the models' own estimate",
                 "median_factor": factor, "sigma": sigma, "sigma_before": sigma_before,
             })  # fmt: skip
     return found
@@ -287,7 +287,7 @@ def bins_words(table: pd.DataFrame) -> list[str]:
         lines.append(
             f"{str(occurrence).capitalize()}: {100 * excluded['share'].sum():.3g} % of the deaggregated hazard, "
             f"{len(excluded)} of {len(rows)} bins, is of earthquakes that the rock excludes; the largest contribution, "
-            f"magnitude {most['magnitude']:.2f} at {most['distance_km']:.3g} km, topples it with "
+            f"magnitude {most['magnitude']:.2f} at {most['distance_km']:.3g} km, topples it with a probability of "
             f"{most['topples']:.2g}"
         )
     if table["beyond_models"].any():

@@ -72,14 +72,10 @@ def any_topples(rocks: Sequence[Standing], motions: Motions, states: ArrayLike |
         for state in np.unique(wanted[:, number]):
             if state in (AS_NOW, LESS_FRAGILE):
                 factor = rock.since.factor if state == LESS_FRAGILE and rock.since else 1.0
-                part = _log_standing(rock.fragility.less_fragile(factor), felt)
-                standing[wanted[:, number] == state] += part
+                with np.errstate(divide="ignore"):
+                    part = np.log1p(-topples(rock.fragility.less_fragile(factor), felt))
+                standing[wanted[:, number] == state] += np.maximum(part, _LEAST_LOGARITHM)
     return -np.expm1(np.maximum(standing, _LEAST_LOGARITHM))
-
-
-def _log_standing(fragility: Fragility, motions: Motions) -> Array:
-    with np.errstate(divide="ignore"):
-        return np.maximum(np.log1p(-topples(fragility, motions)), _LEAST_LOGARITHM)
 
 
 def together(curves: Sequence[Lognormal], intensity: ArrayLike) -> Array:

@@ -204,13 +204,14 @@ class Update:
             curves = [rock.curve for rock in self.rocks]
             fractions = [unstated_fractions(curves, curve) for curve in self.tree.curves]
             table["unstated_below"], table["unstated_above"] = zip(*fractions, strict=True)
-            whole = [continued(curve, curves) for curve in self.tree.curves]
-            table["survival_least"] = [self._survival_under(curve) for curve in whole]
+            whole = [Branch(curve.name, 1.0, continued(curve, curves)) for curve in self.tree.curves]
+            table["survival_least"] = [
+                Update.of_curves(
+                    self.rocks, HazardTree(self.tree.measure, (branch,)), self.exposure
+                ).survival[0]
+                for branch in whole
+            ]
         return table.join(self.factors.iloc[:-1].drop(columns="name"))
-
-    def _survival_under(self, curve: HazardCurve) -> float:
-        alone = HazardTree(curve.measure, (Branch(curve.name, 1.0, curve),))
-        return float(Update.of_curves(self.rocks, alone, self.exposure).survival[0])
 
     @property
     def decided(self) -> dict[str, float | None]:

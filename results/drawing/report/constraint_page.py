@@ -207,7 +207,9 @@ def branches_table(statement: dict[str, Any], document: Document) -> list[Block]
         for row in rows
     ])  # fmt: skip
     left = len(statement["branches"]) - len(heaviest)
-    more = [f"{left} branches with less weight: in branches.csv."] if left else []
+    more = (
+        [f"{left} branches with less weight: in branches.csv of 'toppling constrain --out'."] if left else []
+    )
     caption = (
         "Weights of the branches, the rocks' survival under each, and the factors by which its motions or rates may "
         f"be multiplied for survival to stay above {100 * (1 - statement['confidence']):.3g} %; 95 % intervals in "

@@ -14,7 +14,7 @@ from toppling.results.analysis import CONFIDENCE, HEADLINE_MEASURE, fits, resamp
 from toppling.results.analysis.constraint import Constraint
 from toppling.results.analysis.fragility import FRICTION, by_contact, contact_words
 from toppling.results.analysis.lognormal import Lognormal
-from toppling.results.drawing.style import printed_unit
+from toppling.results.drawing.style import digits, printed_unit
 from toppling.results.hazard.ages import Exposure, exposure, joint_ages
 from toppling.results.hazard.events import Standing
 from toppling.results.hazard.tree import HazardTree
@@ -129,4 +129,4 @@ class Content:
         if self.statement["unexceeded"] <= strongest:
             return ""
         unit = printed_unit(self.statement["measure"])
-        return f"an extrapolation beyond the strongest shaking, {strongest:.2g} {unit}"
+        return f"an extrapolation beyond the strongest shaking, {digits(strongest)} {unit}"

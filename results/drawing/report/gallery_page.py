@@ -8,8 +8,10 @@ from urllib.parse import quote
 
 import pandas as pd
 
+from toppling.models.files.documents import listed
 from toppling.models.scene import Scene
 from toppling.results.analysis.lognormal import Lognormal
+from toppling.results.analysis.resampling import narrowed_by
 from toppling.results.analysis.side_by_side import RockResults, Shared
 from toppling.results.drawing.roses import wind_of
 from toppling.results.drawing.sentences import interval_words
@@ -56,7 +58,7 @@ def gallery_page(
     document = Document("; ".join(unfinished))
     cards = []
     for rock in rocks:
-        cards.append(_card(rock, measure, folder))
+        cards.append(_card(rock, folder))
         advance()
     first: list[Block] = [*summary(rocks, shared, measure)]
     caption = (
@@ -84,11 +86,15 @@ def summary(rocks: Sequence[RockResults], shared: Shared, measure: str) -> list[
     found = [f"Of {len(rocks)} rock{several} {len(drawn)} {have} a fragility over {short_name(measure)}."]
     if drawn:
         (least, weakest), (most, firmest) = drawn[0], drawn[-1]
-        unit = printed_unit(measure)
         first, last = (", the weakest,", ", the firmest,") if len(drawn) > 1 else ("", "")
-        found[0] += f" Half of the shakings topple {weakest.name}{first} {_at(least)} {unit}"
-        found[0] += f", and {firmest.name}{last} {_at(most)} {unit}." if last else "."
-    found.append(shared.sentence)
+        found[0] += f" Half of the shakings topple {weakest.name}{first} {_at(weakest, least)}"
+        found[0] += f", and {firmest.name}{last} {_at(firmest, most)}." if last else "."
+    remedies: dict[str, list[str]] = {}
+    for curve, rock in drawn:
+        remedies.setdefault(narrowed_by(curve.interval_parts, rock.run.scene_report()), []).append(rock.name)
+    found += [f"{remedy} ({listed(names)})" for remedy, names in remedies.items() if remedy]
+    if several:
+        found.append(shared.sentence)
     if bare := [f"{rock.name} ({rock.why_not})" for rock in rocks if rock.curve is None]:
         found.append(f"Without a fragility: {'; '.join(bare)}.")
     left_out = {
@@ -99,16 +105,20 @@ def summary(rocks: Sequence[RockResults], shared: Shared, measure: str) -> list[
     return found
 
 
-def _at(curve: Lognormal) -> str:
+def _at(rock: RockResults, curve: Lognormal) -> str:
+    """Intensity at which half of the shakings topple a rock, with its interval."""
     median = within(curve.median, curve.strongest_shaken)
-    return median if curve.is_beyond_shaken else f"at {median}"
+    at = f"{'' if curve.is_beyond_shaken else 'at '}{median} {printed_unit(curve.measure)}"
+    return (
+        at
+        + interval_words(curve.numbers, curve.strongest_shaken)
+        + (rock.single_base and f" {rock.single_base}")
+    )
 
 
-def _card(rock: RockResults, measure: str, folder: Path) -> dict[str, Any]:
-    unit, row = printed_unit(measure), rock.row
-    median = rock.why_not if rock.curve is None else f"half topple {_at(rock.curve)} {unit}"
-    if rock.curve is not None:
-        median += interval_words(rock.curve.numbers, rock.curve.strongest_shaken)
+def _card(rock: RockResults, folder: Path) -> dict[str, Any]:
+    row = rock.row
+    median = rock.why_not if rock.curve is None else f"half topple {_at(rock, rock.curve)}"
     weakest = "topples statically toward no azimuth"
     if rock.weakest_azimuth_deg is not None:
         weakest = (

@@ -24,6 +24,7 @@ from toppling.results.drawing.style import (
     ALARM_COLOUR,
     FULL_WIDTH_IN,
     MAIN_COLOUR,
+    digits,
     measure_label,
     png_bytes,
     printed_unit,
@@ -79,11 +80,14 @@ def _what_would_change(content: Content) -> Iterator[str]:
         yield narrows
     for other in content.contacts:
         if other.words != content.chief.words:
-            yield f"With {other.words}: {_half_at(other.headline) if other.headline else _no_curve(other)}"
+            curve, single = other.headline, content.run.on_one_base(other.jobs)
+            yield (
+                what_topples(curve, other.words, single)
+                if curve
+                else f"With {other.words}: {_no_curve(other)}"
+            )
     if (beyond := unphysical_of(content.run, content.frame)) is not None:
         yield f"{beyond.sentence}."
-    if lost := int(content.frame["toppled"].isna().sum()):
-        yield f"Left out: {counted(lost, 'job')} of {len(content.frame):,} without an answer."
     if content.years is None:
         yield "An age (--age 15000..30000): with one the report rejects rates of exceedance, and tests a --hazard."
     audits = audits_of(content.run).values()
@@ -95,11 +99,6 @@ def _what_would_change(content: Content) -> Iterator[str]:
         )
 
 
-def _half_at(curve: Lognormal) -> str:
-    median = within(curve.median, curve.strongest_shaken)
-    return f"half topple at a {short_name(curve.measure)} of {median} {printed_unit(curve.measure)}."
-
-
 def _no_curve(contact: Contact) -> str:
     problems = [model.problem for model in contact.models if model.problem]
     return f"no curve can be fitted ({problems[0]})." if problems else "no curve can be fitted."
@@ -107,11 +106,14 @@ def _no_curve(contact: Contact) -> str:
 
 def _how_likely(content: Content) -> str:
     known = content.chief.known
-    levels = known["level_pga_m_s2"]
+    levels, lost = known["level_pga_m_s2"], int(content.frame["toppled"].isna().sum())
+    without = (
+        f"; {counted(lost, 'job')} without an answer {'is' if lost == 1 else 'are'} left out" if lost else ""
+    )
     return (
         f"Of {len(known):,} shakings ({counted(known['record_id'].nunique(), 'record')}, scaled to a PGA of "
         f"{levels.min():g} to {levels.max():g} m/s², {known['azimuth_deg'].nunique()} azimuths) "
-        f"{content.chief.toppled:,} topple it, {share_words(content.chief.toppled / len(known))}."
+        f"{content.chief.toppled:,} topple it, {share_words(content.chief.toppled / len(known))}{without}."
     )
 
 
@@ -120,10 +122,12 @@ def _what_standing_says(content: Content) -> str:
     if event is None:
         return "With so few topplings, its survival says nothing about past shaking."
     measure, ends = event["measure"], (event["unexceeded_low"], event["unexceeded_high"])
-    interval = "" if None in ends else f"; {ends[0]:.2g} to {ends[1]:.2g} with {other_records(event)}, 95 %"
+    interval = (
+        "" if None in ends else f"; {digits(ends[0])} to {digits(ends[1])} with {other_records(event)}, 95 %"
+    )
     return (
         f"Since it still stands, no single shaking like these has exceeded a {short_name(measure)} of "
-        f"{event['unexceeded']:.2g} {printed_unit(measure)} since it acquired its present shape "
+        f"{digits(event['unexceeded'])} {printed_unit(measure)} since it acquired its present shape "
         f"({100 * CONFIDENCE:g} % confidence{interval}{'; ' if content.extrapolated else ''}{content.extrapolated})."
     )
 
@@ -136,8 +140,7 @@ def _caption(content: Content) -> str:
     return (
         f"Toppling probability of {rock} over {name} ({contact.words}). Dots: share of shakings that topple it, with "
         "95 % intervals by record; curve: lognormal fit, with its 95 % band; dashed: one case in two; hatched: what "
-        "the standing rock rejects for a single event. Bars: interval of the shaking that topples it in one case in "
-        "two, and the part of each cause alone."
+        "the standing rock rejects for a single event. Bars: interval of the median, and of each cause alone."
     )
 
 
@@ -184,8 +187,9 @@ def _draw_headline(axes: Axes, content: Content, curve: Lognormal) -> None:
             f"not exceeded\n({100 * CONFIDENCE:g} %)", (limit, 0.03), xytext=(-4, 0), textcoords="offset points",
             ha="right", color=ALARM_COLOUR, size=7, bbox={"facecolor": "white", "alpha": 0.85, "lw": 0, "pad": 0.8},
         )  # fmt: skip
-    at = f"beyond {curve.strongest_shaken:.3g}" if curve.is_beyond_shaken else f"at {curve.median:.2g}"
-    axes.set_title(f"one in two topples {at} {printed_unit(curve.measure)}")
+    at = "" if curve.is_beyond_shaken else "at "
+    median = within(curve.median, curve.strongest_shaken)
+    axes.set_title(f"one in two topples {at}{median} {printed_unit(curve.measure)}")
 
 
 def _draw_parts(axes: Axes, curve: Lognormal) -> None:

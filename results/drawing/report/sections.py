@@ -284,7 +284,7 @@ def _maps_section(content: Content, document: Document) -> list[Block]:
     single = [
         document.figure(
             lambda _: map_figure(jobs, plane, words),  # noqa: B023  (drawn at once)
-            f"Toppling probability over {plane.x.label} and {plane.y.label} ({words}).",
+            f"Toppling probability over {plane.x.label} and {plane.y.label}.",
             HALF_WIDTH_IN,
         )
         for plane in planes
@@ -391,7 +391,7 @@ def _jobs_section(content: Content, document: Document) -> list[Block]:
     if len(depth_m := frame["penetration_m"].dropna()):
         line += (
             f"; rock and pedestal overlap by at most {depth_m.quantile(0.99):.2g} m in 99 % of the jobs, and "
-            f"{depth_m.max():.2g} m in all"
+            f"at most {depth_m.max():.2g} m in any"
         )
     ended = frame.groupby(["status", "ended_by", "message"], dropna=False)
     counts = ended.agg(jobs=("job_id", "size")).reset_index().sort_values("jobs", ascending=False)

@@ -46,4 +46,4 @@ def test_the_first_sentence_states_a_median_only_within_what_was_shaken(tmp_path
     said = " ".join(first_screen(content, Document())["answers"])
     assert (curve.median > curve.strongest_shaken) == beyond
     assert ("beyond what was run" in said) == beyond
-    assert (f"{curve.median:.2g}" in said) != beyond
+    assert (f"{curve.median:.3g}" in said) != beyond

@@ -92,10 +92,8 @@ def shaking_warnings(campaign: Campaign, ensemble: Ensemble) -> list[str]:
     ]
     at = f" at {levels.max():g} m/s2" if campaign.pga_m_s2 else ""
     return [
-        f"{beyond.mean():.0%} of the jobs shake beyond what was ever recorded ({LIMITS_WORDS}):".replace(
-            "%", " %", 1
-        )
-        + f"{at} {listed(named)}; lower levels, stronger records (toppling records select --pga) or those "
+        f"{100 * beyond.mean():.0f} % of the jobs shake beyond what was ever recorded ({LIMITS_WORDS}):"
+        f"{at} {listed(named)}; lower levels, stronger records (toppling records select --pga) or those "
         "with less PGV for their PGA avoid it, and the report shows the effect of leaving these jobs out"
     ]
 
@@ -104,8 +102,7 @@ def _width_sentence(scene: Scene) -> str:
     interval = scene.report.get("unseen_base", {}).get("toppling")
     if not interval:
         return ""
-    width = f"{median_width(interval):.0%}".replace("%", " %")
-    return f"the interval of the toppling acceleration is {width} of its median wide; "
+    return f"the interval of the toppling acceleration is {100 * median_width(interval):.0f} % of its median wide; "
 
 
 def _of_statics(campaign: Campaign, statics: Statics, scene: Scene) -> list[str]:
@@ -157,7 +154,7 @@ def suggestions(levels: Sequence[LevelCount]) -> list[str]:
     jobs, toppled = sum(level.jobs for level in rising), sum(level.toppled for level in rising)
     found = []
     if high.fraction < MOSTLY_FRACTION:
-        at = f", {high.fraction:.0%} at the highest level".replace("%", " %") if toppled else ""
+        at = f", {100 * high.fraction:.0f} % at the highest level" if toppled else ""
         found.append(f"{toppled} of {jobs} toppled{at}: add levels above {high.level_m_s2:g} m/s2")
     if low.fraction > HARDLY_FRACTION:
         at = f"{low.toppled} of {low.jobs} toppled at the lowest level"

@@ -120,9 +120,8 @@ def _friction(given: Any, place: Place) -> tuple[tuple[float, float], ...]:
         try:
             ContactProperties(*map(float, both))
         except InputError as error:
-            raise place.wrong(
-                error.code, f"{shown(entry)}: {error.what}", error.expected, error.remedy
-            ) from None
+            other = {"what": f"{shown(entry)}: {error.what}", "where": place.where}
+            raise InputError(**vars(error) | other) from None
         pairs.append((float(both[0]), float(both[1])))
     return tuple(distinct(pairs, place))
 

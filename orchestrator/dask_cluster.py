@@ -45,8 +45,10 @@ _WORTH_A_WORKER_S = 15.0
 """Remaining work that justifies another local process, s: a few times its start."""
 _WORTH_A_BATCH_JOB_S = 300.0
 """Remaining work that justifies another batch job, s: a few times its waiting time."""
-_ADAPT_PAUSE_S, _IDLE_LOOKS = "3s", 10
-"""Interval between adaptations of the size, and number of them in which a worker must be idle before it is stopped."""
+_ADAPT_PAUSE_S = "3s"
+"""Interval between adaptations of the size."""
+_IDLE_LOOKS = 10
+"""Number of them in which a worker must be idle before it is stopped."""
 _LISTED = {"slurm": ("squeue", "--me", "--noheader", "--format=%A")}
 """Commands that list the ids of a user's unfinished batch jobs."""
 _BATCH_SYSTEM_S = 30.0

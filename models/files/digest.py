@@ -19,7 +19,7 @@ import pyarrow.parquet as pq
 from toppling.models.errors import InputError, refusals
 from toppling.models.files import documents
 from toppling.models.files.folder import new_file
-from toppling.models.files.given import HEAD_BYTES, TAIL_BYTES, open_given
+from toppling.models.files.given import HEAD_BYTES, LARGEST_BYTES, TAIL_BYTES, open_given
 
 log = logging.getLogger(__name__)
 
@@ -31,8 +31,8 @@ BLANK = f"{_MARK}{'0' * 64}"
 """Placeholder that a writer puts where the digest will be."""
 
 _LFS = b"version https://git-lfs"
-_TEXTS, _MOST_TEXT_BYTES = {".json", ".toml"}, 50_000_000
-"""Files whose ends of lines Git and FTP exchange for those of the system, and their size at most."""
+_TEXTS = {".json", ".toml"}
+"""Files whose ends of lines Git and FTP exchange for those of the system."""
 _UNSETTLED_S = 2.0
 """A file changed so recently may change again without another time: it is not remembered."""
 
@@ -207,7 +207,7 @@ def _digest(file: IO[bytes], place: int) -> bytes:
 
 def _digest_of_lines(file: IO[bytes], path: Path) -> bytes:
     """Digest of a text with the line ends that the program writes; empty for any other file."""
-    if path.suffix not in _TEXTS or os.fstat(file.fileno()).st_size > _MOST_TEXT_BYTES:
+    if path.suffix not in _TEXTS or os.fstat(file.fileno()).st_size > LARGEST_BYTES:
         return b""
     file.seek(0)
     lines = io.BytesIO(file.read().replace(b"\r\n", b"\n"))

@@ -17,7 +17,9 @@ from toppling.models.errors import InputError, refusals
 from toppling.models.files.given import LARGEST_BYTES, Refuse, bytes_given
 
 _CORRECT = "correct the file, or have it made anew"
-_LARGEST_TOML_BYTES, _TOML = 2_000_000, "TOML: key = value, a line each"
+_TOML = "TOML: key = value, a line each"
+_LARGEST_TOML_BYTES = 2_000_000
+"""Maximum size of a TOML file, which people write."""
 MOST_VALUES = 10_000_000
 """Maximum number of values of a JSON or XML file, by its commas and brackets; one takes 60 bytes, 250 in XML."""
 _DEEPEST = 100
@@ -56,7 +58,7 @@ _FOLDERS = re.compile(r"""(?<![^\s"'(=])(?:/[^/\s"']+)+/(?=[^/\s"']+/[^/\s"']+)"
 
 
 def without_machine(document: dict[str, Any]) -> dict[str, Any]:
-    """A document for others, whose absolute paths begin at the last folder: where that lies says nothing to them.
+    """Document whose absolute paths begin at the last folder, for readers on other machines.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Records from FDSN web services: fetched once with their responses, kept beside the ensemble, imported."""
+"""Records from FDSN web services: fetched once with their responses, stored with the ensemble, imported."""
 
 import csv
 import math

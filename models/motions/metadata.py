@@ -12,7 +12,7 @@ import numpy as np
 from toppling.models.errors import InputError
 from toppling.models.files.documents import shown
 from toppling.models.files.folder import path_named_in
-from toppling.models.files.given import HEAD_BYTES, open_given, text_of
+from toppling.models.files.given import LONGEST_LINE_BYTES, open_given, text_of
 from toppling.models.files.table import Table, is_numeral
 from toppling.models.motions.formats.component import (
     TIME_STEPS_S,
@@ -155,7 +155,7 @@ def read_table(table: Path) -> list[Entry]:
 def looks_like_table(path: Path) -> bool:
     """Whether a CSV file has the columns of a metadata table."""
     with open_given(path, no_record) as file:
-        head = text_of(file.read(HEAD_BYTES)) or ""
+        head = text_of(file.read(LONGEST_LINE_BYTES)) or ""
     lines = head.splitlines()
     headers = lines[:1] + [line for line in lines if "Acc. Filename" in line]
     return any(_names_files(Table.of([line], path).names) for line in headers)

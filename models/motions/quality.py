@@ -74,7 +74,7 @@ _FILLED_GAP_SHARE = 0.1
 def check_samples(component: Component) -> None:
     """Refuse a channel whose samples cannot be the ground's.
 
-    Raises InputError: at the first doubt, with file and sample.
+    Raises InputError: with file and sample.
     """
     a = component.acceleration_m_s2
     peak = float(np.abs(a).max())

@@ -23,7 +23,11 @@ _DENSITY_KG_M3 = 2800.0
 """Density at the source (Atkinson and Silva 2000)."""
 _SHEAR_VELOCITY_M_S = 3500.0
 """Shear-wave velocity at the source (Atkinson and Silva 2000)."""
-_RADIATION, _FREE_SURFACE, _PARTITION = 0.55, 2.0, 1 / np.sqrt(2)
+_RADIATION = 0.55
+"""Mean radiation pattern of shear waves (Boore 2003)."""
+_FREE_SURFACE = 2.0
+"""Amplification by the free surface."""
+_PARTITION = 1 / np.sqrt(2)
 _CROSSOVER_KM = 40.0
 """Distance beyond which waves spread as 1 / sqrt(R) instead of 1 / R."""
 _QUALITY_AT_1_HZ = 180.0

@@ -13,6 +13,7 @@ from scipy.special import ndtr, ndtri
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.files.digest import read_json, write_json
+from toppling.results.analysis import HEADLINE_MEASURE
 from toppling.results.analysis.lognormal import parts_words
 from toppling.results.analysis.resampling import spread_of
 from toppling.results.precision import STATEMENT_FILE
@@ -43,9 +44,10 @@ _SHARP_JOBS = 300
 """Number of jobs from which it is trusted nevertheless: the slope of a sharp threshold is never known."""
 _ONE_SIDED_JOBS = 120
 """Number of equal answers that show that the levels do not reach the curve."""
-_USUAL, _MEASURE_JOBS, _CLEARLY_BETTER = "pgv_m_s", 60, 5.0
-"""Default measure; number of jobs after which the measure is fixed, because a choice at every round would favour
-chance; and log-likelihood ratio by which another measure must be better than the default."""
+_MEASURE_JOBS = 60
+"""Number of jobs after which the measure is fixed, because a choice at every round would favour chance."""
+_CLEARLY_BETTER = 5.0
+"""Log-likelihood ratio by which another measure must be better than the default."""
 _RECORDS_BOUND = 0.3
 """Ratio of the jobs' to the records' variance below which more jobs cannot narrow the interval."""
 
@@ -79,8 +81,10 @@ def _best_measure(observed: Mapping[str, Answers]) -> str:
     """
     likelihood = {name: fit_curve(answers).log_likelihood for name, answers in observed.items()}
     best = max(likelihood, key=lambda name: likelihood[name])
-    close = _USUAL in likelihood and likelihood[best] < likelihood[_USUAL] + _CLEARLY_BETTER
-    return _USUAL if close else best
+    close = (
+        HEADLINE_MEASURE in likelihood and likelihood[best] < likelihood[HEADLINE_MEASURE] + _CLEARLY_BETTER
+    )
+    return HEADLINE_MEASURE if close else best
 
 
 def judge(pool: Pool, observed: Mapping[str, Answers], target: Target, precision: float) -> Verdict:

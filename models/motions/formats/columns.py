@@ -105,9 +105,12 @@ _CLOCK = re.compile(
 _DAY_S = 24 * UNITS_S["h"]
 _REGULAR_SHARE = 0.95
 """Share of equal differences from which rounding explains no other."""
-_COARSE, _COARSE_RANGE, _COARSE_WINDOW = 0.1, 1.3, 50
-"""Times whose last digit is more than this fraction of the step leave their line by this many digits where rows are
-lost; the place is found by the means of so many times on both sides."""
+_COARSE = 0.1
+"""Last digit of a time, as a fraction of the step, above which lost rows do not show in single differences."""
+_COARSE_RANGE = 1.3
+"""Range of such times about a line, in last digits, above which rows are lost."""
+_COARSE_WINDOW = 50
+"""Number of times on both sides of a place whose means show where."""
 
 
 @dataclass(frozen=True)

@@ -48,7 +48,7 @@ class Component:
     label: str = ""
     magnitude: float | None = None
     distance_km: float | None = None
-    series: str = ""  # what else tells two records of one station apart
+    series: str = ""  # another name that distinguishes two records of one station
     place: Place = FREE_FIELD
     elevation_m: float | None = None  # of the sensor, where others of its station tell the depth by it
     start_s: float | None = None  # time of the first sample, seconds since 1970

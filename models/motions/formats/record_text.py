@@ -97,7 +97,7 @@ HEADER_LINES = 500
 
 @dataclass(frozen=True, eq=False)
 class Counted:
-    """Samples, as many as counted or as there are; how many the header counts more; what is to be told of it."""
+    """Samples, as many as counted or as there are; the number that the header counts more; warnings of that."""
 
     values: NDArray[np.float64]
     missing: int = 0

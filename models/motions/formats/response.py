@@ -238,7 +238,7 @@ def _in_si(response: Any) -> Any:
 def _checked_sensitivity(
     response: Any, unit: Unit, trace: Any, path: Path
 ) -> tuple[float | None, tuple[str, ...]]:
-    """Sensitivity, and what is to be told where the stages' gain at its frequency is another.
+    """Sensitivity, and a warning where the stages' gain at its frequency is another.
 
     Raises InputError if the two differ by more than `SAME_GAIN`, or the sensitivity is no number.
     """

@@ -154,7 +154,7 @@ def _unreadable(path: Path, error: object) -> NoReturn:
 
 
 def _joined(stream: Any, path: Path) -> list[tuple[Any, tuple[str, ...]]]:
-    """One trace a channel, of the pieces that a file has of it, and what is to be told of that.
+    """One trace for each channel, joined from its pieces in a file, and warnings of that.
 
     Samples that came twice are merged if they are the same; pieces that meet within half a sample are joined.
 
@@ -176,7 +176,7 @@ def _joined(stream: Any, path: Path) -> list[tuple[Any, tuple[str, ...]]]:
 
 
 def _append(whole: Any, piece: Any, path: Path) -> str:
-    """Append a piece to the trace that begins before it; what is to be told, nothing where it fits."""
+    """Append a piece to the trace that begins before it; returns a warning, empty where it fits."""
     step = whole.stats.delta
     if abs(piece.stats.delta / step - 1) > _SAME_STEP:
         what = f"{whole.id} has time steps of {step:g} and {piece.stats.delta:g} s"
@@ -287,7 +287,7 @@ def _in_m_s2(trace: Any, values: np.ndarray, inventory: Any | None, path: Path) 
 
 
 def _direction(stats: Any, inventory: Any | None) -> tuple[float | str | None, tuple[str, ...]]:
-    """Direction by StationXML, by SAC's header, by the channel's code, and what is to be told of a contradiction.
+    """Direction by StationXML, by SAC's header, by the channel's code, and a warning of a contradiction.
 
     SAC counts an inclination from the vertical, SEED a dip from the horizontal, and files have one where the other
     belongs: whether a channel is vertical is decided by its code where that says so.

@@ -201,7 +201,7 @@ def _title_line(lines: Sequence[str]) -> int:
 
 
 def _event(lines: Sequence[str], dialect: str) -> tuple[str, str]:
-    """Event, and what else tells two records of one station apart.
+    """Event, and another name that distinguishes two records of one station.
 
     A name alone is that of the aftershocks too: it is followed by date and time in the header's words. RENADIC's are
     typed station by station, and those of one event differ by seconds: there they are kept beside the name.

@@ -25,7 +25,7 @@ _PRINTING_S = 300.0
 def report_page(content: Content, advance: Callable[[str], object] = lambda _: None) -> str:
     """HTML of the page about a run, with its pictures inside.
 
-    advance: told the name of each section once it is done.
+    advance: called with the name of each section once it is done.
     Raises InputError if no job has an answer yet.
     """
     document = Document(content.completeness.remark)

@@ -159,6 +159,15 @@ class Table(TextFile):
         """Names of the columns."""
         return self.rows[0][1] if self.rows else []
 
+    def whole_rows(self, refuse: Refuse) -> Sequence[tuple[int, list[str]]]:
+        """Rows below the names of the columns; InputError at the first with another number of cells."""
+        count = len(self.names)
+        for at, row in self.rows[1:]:
+            if len(row) != count:
+                what = f"has {len(row)} columns, the header {count}"
+                raise refuse("table.row_wrong_length", what, self.where(at))
+        return self.rows[1:]
+
 
 def places_in(table: Table, part: slice, counts: Sequence[int], refuse: Refuse) -> tuple[str, list[_Place]]:
     """Places that a person lists: the line of names above them, empty if there is none, and each with its line from 1.

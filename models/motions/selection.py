@@ -144,11 +144,8 @@ def _records(file: Table, needed: set[str], lacks: str, remedy: str) -> tuple[li
     header = file.names
     if not needed <= set(header):
         _refuse("deaggregation.columns_unknown", file.path, f"has the columns {shown(header)}{lacks}", remedy)
-    for at, row in file.rows[1:]:
-        if len(row) != len(header):
-            what = f"has not the header's {len(header)} columns but {len(row)}"
-            _refuse("table.row_wrong_length", file.where(at), what, "give the whole file")
-    return header, [(file.where(at), dict(zip(header, row, strict=True))) for at, row in file.rows[1:]]
+    rows = file.whole_rows(no_table)
+    return header, [(file.where(at), dict(zip(header, row, strict=True))) for at, row in rows]
 
 
 def _around(centre: float, width: float) -> tuple[float, float]:

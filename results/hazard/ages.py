@@ -269,7 +269,7 @@ def _of_file(path: Path) -> Array:
 def _read_ages(path: Path) -> tuple[Array, Array]:
     """Years and weights from a file; unit weights where it has none."""
     table = Table.read(path, _file_error)
-    names, rows = table.names, [row for _, row in table.rows[1:]]
+    names, rows = table.names, [row for _, row in table.whole_rows(_file_error)]
     del table
     unit = unit_years(names[0]) if names else None
     if unit is None:
@@ -281,8 +281,6 @@ def _read_ages(path: Path) -> tuple[Array, Array]:
             "age.decimals_ambiguous", f"{rows[0][0]!r} may be decimals, or thousands with a dot between", path
         )
     try:
-        if any(len(row) != len(names) for row in rows):
-            raise ValueError(f"not {len(names)} cells")
         values = np.fromiter((float(cell) for row in rows for cell in row), float).reshape(-1, len(names))
     except ValueError as error:
         raise _file_error(

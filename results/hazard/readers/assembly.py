@@ -76,8 +76,8 @@ class HazardFile:
 
     @property
     def rows(self) -> list[tuple[int, list[str]]]:
-        """Rows below the names of columns, with the numbers of their lines, from 1."""
-        return [(at + 1, row) for at, row in self.table.rows[1:]]
+        """Rows below the names of columns, with the numbers of their lines, from 1; refused where one is not whole."""
+        return [(at + 1, row) for at, row in self.table.whole_rows(refused)]
 
     @property
     def first_line(self) -> str:
@@ -156,12 +156,8 @@ class HazardFile:
         """Rows of the site that is wanted, all where none is: of the name, or the nearest; the caller judges how near.
 
         name_column: holds the names of sites; None in a table that states no places.
-        Refused if no site has the name, or rows are shorter than the header.
+        Refused if no site has the name.
         """
-        for line, row in rows:
-            if len(row) != len(header):
-                self.refuse("table.row_wrong_length",
-                    f"line {line} has {len(row)} columns, the header {len(header)}")  # fmt: skip
         site = self.hints.site
         if site is None or name_column is None or not rows:
             return list(rows)

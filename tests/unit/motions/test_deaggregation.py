@@ -121,7 +121,7 @@ BIN = "PGA,0.2,0.1,5.5,5.0,0.1,0.0"
     [
         ("deaggregation.value_unreadable", "'1.2'", openquake(["PGA,0.2,0.1,5.5,5.0,1.2,0.0"])),
         ("deaggregation.place_off_bins", 8.5, openquake(["PGA,0.2,0.1,8.5,5.0,0.1,0.0"])),
-        ("table.row_wrong_length", "7 columns but 6", openquake(["PGA,0.2,0.1,5.5,5.0,0.1"])),
+        ("table.row_wrong_length", "6 columns, the header 7", openquake(["PGA,0.2,0.1,5.5,5.0,0.1"])),
         ("table.unreadable", "csv:4", openquake([BIN, '"' + "9" * 200_000])),
         ("deaggregation.weights_unusable", 0.9, openquake([BIN], f"{EDGES}, weights=[0.4, 0.5]")),
         ("deaggregation.edges_missing", "", openquake([BIN], "weights=[0.4, 0.6]")),

@@ -239,11 +239,10 @@ def events_figure(
     """Survival of each branch, and prior and posterior rates of exceedance for each site and measure.
 
     branches: from `Update.branches`.
-    updated: from `Update.updated`; None where no event is felt at the rocks' sites.
+    updated: from `Update.updated`; None where no event is felt at the rocks' sites. Sites without a rate are left out.
     """
-    hazards = (
-        [] if updated is None else [rows for _, rows in updated.groupby(["site", "measure"], sort=False)]
-    )
+    groups = [] if updated is None else updated.groupby(["site", "measure"], sort=False)
+    hazards = [rows for _, rows in groups if (rows["rate_prior_mean"] > 0).any()]
     count = 1 + len(hazards[:MOST_PANELS])
     columns = 1 if width_in < FULL_WIDTH_IN else min(count, 2)
     rows = -(-count // columns)

@@ -4,6 +4,7 @@ import math
 import re
 
 import numpy as np
+import pandas as pd
 import pytest
 from hazard_samples import event_set
 from refusals import refused
@@ -11,6 +12,7 @@ from scipy.stats import norm
 
 from toppling.models.motions.measures import STANDARD_G_M_S2 as G
 from toppling.results.analysis.lognormal import Lognormal
+from toppling.results.drawing.hazard_figures import events_figure
 from toppling.results.hazard.ages import exposure, joint_ages, parse_age
 from toppling.results.hazard.events import EventBranch, EventSet, EventSite, Standing
 from toppling.results.hazard.readers import read_hazard
@@ -250,6 +252,18 @@ def test_a_rate_of_exceedance_is_stated_where_ten_events_support_it():
     assert np.isnan(mean[reached < 10]).all()
     stated = update.changes["level_prior_mean"].notna()
     assert (stated == (update.changes["annual_rate"] >= 1 / 475)).all()
+
+
+@pytest.mark.parametrize("rates", [(math.nan, math.nan), (0.0, 0.0), (1e-3, 1e-4)])
+def test_a_site_of_which_no_rate_is_stated_has_no_panel(rates):
+    share = {f"survival{end}": [0.9] for end in ("", "_low", "_high")}
+    branches = pd.DataFrame({"name": ["b"], "prior_weight": [1.0], "posterior_weight": [1.0], **share})
+    kinds = {
+        f"rate_{time}_{kind}": rates for time in ("prior", "posterior") for kind in ("mean", "p05", "p95")
+    }
+    at = {"site": ["s", "s"], "measure": ["pgv_m_s", "pgv_m_s"], "level": [0.1, 0.2]}
+    panels = len(events_figure(branches, pd.DataFrame({**at, **kinds}), 0.95).axes)
+    assert panels == (1 if not rates[0] > 0 else 2)
 
 
 def test_a_rock_left_out_is_predicted_by_the_branches_as_the_others_weigh_them():

@@ -145,10 +145,9 @@ def borne_words(campaign: Campaign) -> str:
     borne = _target_of(campaign.target or TargetSpec()).borne_by(records)
     if borne is None:
         return ""
-    ends = "at what is asked" if borne <= campaign.precision else "there"
-    return (
-        f"{counted(records, 'record')} bear about ±{100 * borne:.2g} % at a usual beta: the run ends {ends}"
-    )
+    asked = f"±{100 * campaign.precision:.2g} %"
+    ends = asked if borne <= campaign.precision else f"what they bear, and {asked} may need more of them"
+    return f"{counted(records, 'record')} bear about ±{100 * borne:.2g} % at a usual beta: the run ends at {ends}"
 
 
 def _target_of(asked: TargetSpec) -> Target:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from toppling.models.errors import counted
 from toppling.models.files.documents import finite, listed
 from toppling.models.motions.quality import LIMITS_WORDS, is_beyond, words
 from toppling.results.analysis import fits, lognormal
@@ -49,8 +50,8 @@ class Unphysical:
     def sentence(self) -> str:
         """Summary for a reader."""
         named = [
-            f"{record.record_id} ({words(record.factor, record.pgv_m_s, record.pgd_m)}, {record.toppled} topplings)"
-            for record in self.records
+            f"{one.record_id} ({words(one.factor, one.pgv_m_s, one.pgd_m)}, {counted(one.toppled, 'toppling')})"
+            for one in self.records
         ]
         part = (
             f", {self.toppled / self.of_toppled:.0%} of all topplings".replace("%", " %")

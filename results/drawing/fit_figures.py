@@ -165,7 +165,7 @@ def surface_figure(surface: Surface, jobs: pd.DataFrame) -> Figure:
             for share, line in _CONTOURS.items()
         ]
         if drawn is not None and len(drawn.coefficients):
-            handles.append(Patch(color=MAIN_COLOUR, alpha=0.25, lw=0, label="other records (95 %)"))
+            handles.append(Patch(color=MAIN_COLOUR, alpha=0.25, lw=0, label="its 95 % interval"))
         handles += [
             Line2D([], [], color=colour, marker="o", ms=3, ls="", label=word)
             for colour, word in (("0.75", "stands"), ("#d98c5f", "toppled"))

@@ -150,7 +150,7 @@ def _across_date_line(points: np.ndarray) -> np.ndarray:
 
 def _frame_map(axes: Axes, points: np.ndarray) -> None:
     """Set limits, labels and aspect of a map of longitudes and latitudes, with equal distances in both directions."""
-    middle, reach = points.mean(axis=0), np.ptp(points, axis=0)
+    middle, reach = (points.min(axis=0) + points.max(axis=0)) / 2, np.ptp(points, axis=0)
     shrink = np.cos(np.deg2rad(middle[1]))
     half = 0.7 * max(reach[0] * shrink, reach[1], 0.02)
     axes.set(

@@ -86,7 +86,7 @@ def inconsistent_drawing(constraint: Constraint) -> list[Drawing]:
     return [
         Drawing(
             "constraint",
-            "Rates inconsistent",
+            "Inconsistent rates",
             lambda _: constraint_figure(constraint),
             caption,
             HALF_WIDTH_IN,
@@ -127,7 +127,7 @@ def constraint_page(statement: dict[str, Any], drawings: Sequence[Drawing]) -> s
     sections: dict[str, Sequence[Block]] = {
         "Branches": branches_table(statement, document),
         "Ground-motion models": _models(statement, document),
-        "Rates inconsistent": shown.get("Rates inconsistent", ()),
+        "Inconsistent rates": shown.get("Inconsistent rates", ()),
         "Rocks": _rocks(statement, document),
         "What this rests on": others,
     }

@@ -92,7 +92,7 @@ def summary(rocks: Sequence[RockResults], shared: Shared, measure: str) -> list[
     remedies: dict[str, list[str]] = {}
     for curve, rock in drawn:
         remedies.setdefault(narrowed_by(curve.interval_parts, rock.run.scene_report()), []).append(rock.name)
-    found += [f"{remedy} ({listed(names)})" for remedy, names in remedies.items() if remedy]
+    found += [f"{listed(names)}: {text[0].lower()}{text[1:]}" for text, names in remedies.items() if text]
     if several:
         found.append(shared.sentence)
     if bare := [f"{rock.name} ({rock.why_not})" for rock in rocks if rock.curve is None]:
@@ -131,7 +131,7 @@ def _card(rock: RockResults, folder: Path) -> dict[str, Any]:
         place,
         median,
         weakest,
-        f"{row['toppled']} of {row['jobs']} jobs, {row['records']} records",
+        f"{row['toppled']} of {row['jobs']} jobs topple it ({row['records']} records)",
         rock.contact,
         row["remark"] or "",
     ]

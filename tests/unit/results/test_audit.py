@@ -173,14 +173,8 @@ def test_rows_that_came_after_the_sample_was_drawn_are_not_what_it_stands_for(tm
     jobs, again = population(7, records=12)
     saved(tmp_path, jobs, again)
     (tmp_path / "audit" / "reference" / "drawn.json").write_text('{"until": "2026-06-01T00:00:00+00:00"}')
-    late = row(
-        "-" * 24,
-        record_id="R999",
-        finished_at=pd.Timestamp("2026-07-01", tz="UTC"),
-        pga_m_s2=9.0,
-        toppled=True,
-    )
-    write_part(tmp_path, [late])
+    late = pd.Timestamp("2026-07-01", tz="UTC")
+    write_part(tmp_path, [row("-" * 24, record_id="R999", finished_at=late, pga_m_s2=9.0, toppled=True)])
     audit = audits_of(open_run(tmp_path))["reference"]
     assert isinstance(audit, Audit)
     assert (audit.jobs, audit.of_jobs) == (SAMPLE, len(jobs))

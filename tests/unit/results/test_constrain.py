@@ -157,9 +157,8 @@ def test_a_branch_is_rejected_at_the_confidence_that_is_asked_for(curves, hazard
 def test_wrong_usage_and_wrong_data_are_told_apart(curves, hazards):
     assert constrain(curves, "--hazard", hazards[0]).exit_code == 2
     assert constrain(curves, "--age", "1", "--age", "2").exit_code == 2
-    assert (
-        constrain(curves, "--age", "1", "--hazard", hazards[0], "--site", "10", "45").exit_code == 2
-    )  # of no places
+    nowhere = ["--hazard", hazards[0], "--site", "10", "45"]
+    assert constrain(curves, "--age", "1", *nowhere).exit_code == 2
     for option in (
         ["--common-date"],
         ["--fragile-since", "4000"],

@@ -22,6 +22,7 @@ from toppling.orchestrator.run_folder import prepare
 from toppling.orchestrator.task import lost_row
 from toppling.results.analysis.side_by_side import ARROW_M, compare_rocks, directions_geojson, geojson
 from toppling.results.drawing.report.gallery_page import summary
+from toppling.results.drawing.side_by_side_figures import places_figure
 from toppling.results.reader import open_run
 from toppling.results.store import write_part
 
@@ -150,6 +151,13 @@ def test_a_place_is_that_of_the_table_or_of_the_scans_coordinate_system(compared
     assert json.dumps(told, allow_nan=False)
 
 
+def test_the_map_holds_every_rock_also_one_far_from_the_others(compared):
+    places = [(-117.5 + 0.01 * number, 34.1) for number in range(6)] + [(-118.9, 34.9)]
+    (axes, *_) = places_figure([replace(compared[0][0], place=place) for place in places], "pga_m_s2").axes
+    for place in places:
+        assert axes.viewLim.contains(*place)
+
+
 def test_directions_of_toppling_are_lines_of_the_lengths_and_bearings_that_they_state(compared):
     toward = np.random.default_rng(5).uniform(0.0, 360.0, 200)
     jobs = pd.DataFrame({"toppled": True, "falls_toward_deg": toward})
@@ -161,9 +169,7 @@ def test_directions_of_toppling_are_lines_of_the_lengths_and_bearings_that_they_
     for one in lines:
         (start, end), told = one["geometry"]["coordinates"], one["properties"]
         forward, _, away_m = Geod(ellps="WGS84").inv(*start, *end)
-        assert away_m == pytest.approx(
-            told["length_m"], rel=0.01
-        )  # seven digits of a degree are a centimetre
+        assert away_m == pytest.approx(told["length_m"], rel=0.01)  # seven digits are a centimetre
         # The grid of the zone turns by .12 degrees at 20 km from its meridian; short lines are rounded.
         off = (forward - told["falls_toward_bearing_deg"] + 180.0) % 360.0 - 180.0
         assert abs(off) < 0.2 + np.rad2deg(0.02 / away_m)

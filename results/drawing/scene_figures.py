@@ -329,10 +329,11 @@ def statics_words(scene: Scene) -> str:
     """What the picture of the statics shows, for the text beside it."""
     _, value, slides = _statics_of(scene)
     around, *_, level = _base_interval(scene)
+    reach = _polar_reach_m_s2(value)
     bands = [
         *(["dotted: where it slides before it tips"] if np.isfinite(slides).any() else []),
         *([f"blue band: {100 * level:.0f} % of possible bases"] if len(around) else []),
-        *_beyond_frame(value),
+        *([f"beyond the frame: more than {reach:.3g} m/s²"] if (value > reach).any() else []),
     ]
     return "; ".join(
         [
@@ -362,12 +363,6 @@ def _polar_reach_m_s2(value: Array) -> float:
     """Radius of the statics' plot, m/s²; a few azimuths with much higher values leave it."""
     positive = value[np.isfinite(value) & (value > 0.0)]
     return float(min(2.0 * np.median(positive), positive.max()) * 1.05) if len(positive) else 1.0
-
-
-def _beyond_frame(value: Array) -> list[str]:
-    """Caption line on values beyond the frame; empty if there are none."""
-    reach = _polar_reach_m_s2(value)
-    return [f"beyond the frame: more than {reach:.3g} m/s²"] if (value > reach).any() else []
 
 
 def _statics_of(scene: Scene) -> Array:

@@ -38,7 +38,11 @@ def _templates() -> Environment:
     )  # fmt: skip
     shades = [to_hex(COLOURS(step / 40)) for step in range(41)]
     made.globals |= {"asset": _asset, "colours": shades, "thin": THIN_ALPHA}
-    made.filters |= {"breakable": _breakable, "data": _data, "anchor": _anchor}
+    made.filters |= {
+        "breakable": _breakable,
+        "data": _data,
+        "anchor": lambda name: name.lower().replace(" ", "-"),
+    }
     return made
 
 
@@ -56,10 +60,6 @@ def _breakable(text: str) -> Markup:
 
 def _data(png: bytes) -> str:
     return f"data:image/png;base64,{base64.b64encode(png).decode()}"
-
-
-def _anchor(name: str) -> str:
-    return name.lower().replace(" ", "-")
 
 
 Block = str | dict[str, Any]

@@ -344,26 +344,24 @@ class Exclusions:
         single = toppled(there, self.rock.curve, one_event(0.5))
         return float(np.interp(trace.magnitude, self.at_traces.magnitude, single))
 
-    def _at_reference(self, case: Occurrence) -> dict[str, float]:
-        """Probability of toppling at the reference, and what it would be with a site term drawn in each earthquake."""
-        anew = replace(self.reference, between_sites=0.0 * self.reference.sigma)
-        found = (toppled(grid, self.rock.curve, case) for grid in (self.reference, anew))
-        return dict(zip(("topples", "topples_ergodic"), (float(value[0]) for value in found), strict=True))
-
     def statement(self) -> dict[str, Any]:
         """Statement for JSON; null where nothing, or everything, is excluded."""
-        tables = self.tables
+        tables, curve = self.tables, self.rock.curve
+        anew = replace(
+            self.reference, between_sites=0.0 * self.reference.sigma
+        )  # a site term in each earthquake
         stated = [
             {
-                "occurrence": case.name, **self._at_reference(case),
+                "occurrence": case.name, "topples": float(toppled(self.reference, curve, case)[0]),
+                "topples_ergodic": float(toppled(anew, curve, case)[0]),
                 "largest_magnitudes": _rows(tables[case.name][0]), "least_distances": _rows(tables[case.name][1]),
-                "excludes_nothing": bool((excess(self.grid, self.rock.curve, case) < 0).all()),
+                "excludes_nothing": bool((excess(self.grid, curve, case) < 0).all()),
             }
             for case in self.occurrences
         ]  # fmt: skip
         return {
-            "rock": self.rock.name, "measure": self.rock.curve.measure, **self.rock.curve.numbers,
-            "strongest_shaken": self.rock.curve.strongest_shaken,
+            "rock": self.rock.name, "measure": curve.measure, **curve.numbers,
+            "strongest_shaken": curve.strongest_shaken,
             "magnitude_range": self.grid.magnitude[[0, -1]].tolist(),
             "distance_range_km": self.grid.distance_km[[0, -1]].tolist(), "occurrences": stated,
             "faults": _rows(self.faults) if self.traces else [],

@@ -6,7 +6,7 @@ import pytest
 
 from toppling.orchestrator.plan import realisations_spread
 from toppling.results.analysis.lognormal import design_of, fit
-from toppling.results.analysis.resampling import base_spread, sampled
+from toppling.results.analysis.resampling import base_spread, narrowed_by, sampled
 
 MEDIAN, RECORDS, LEVELS, AZIMUTHS = 0.5, 24, 6, 4
 FROM_RECORD, FROM_JOB = 0.25, 0.25
@@ -76,6 +76,14 @@ def test_on_one_base_the_interval_is_that_of_the_records():
     assert [*curve.interval_parts] == ["records"]
     low, high = curve.median_interval
     assert curve.interval_parts["records"] == pytest.approx(np.sinh(0.5 * np.log(high / low)))
+
+
+@pytest.mark.parametrize("scan", [{}, {"unseen_base": {"kinds": {"flat": 0.5, "rough": 0.5}}}])
+def test_records_are_what_narrows_an_interval_only_where_their_part_is_the_larger(scan):
+    more = narrowed_by({"records": 0.2}, scan)
+    assert narrowed_by({"records": 0.2, "base": 0.1}, scan) == more
+    assert narrowed_by({"records": 0.1, "base": 0.2}, scan) not in ("", more)
+    assert narrowed_by({}, scan) == ""
 
 
 def test_curves_of_single_bases_average_to_that_of_all():

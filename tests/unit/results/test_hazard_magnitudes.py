@@ -48,9 +48,8 @@ class Simple:
     distances_km: tuple[float, float] = (1.0, 300.0)
 
     def motion(self, magnitude, distance_km):
-        mean = (
-            -2.0 + self.shift + 1.2 * (np.asarray(magnitude) - 6) - 1.3 * np.log(np.asarray(distance_km) / 10)
-        )
+        magnitude, distance = np.asarray(magnitude), np.asarray(distance_km)
+        mean = -2.0 + self.shift + 1.2 * (magnitude - 6) - 1.3 * np.log(distance / 10)
         return mean, np.full(np.shape(mean), 0.6), np.full(np.shape(mean), self.between_sites)
 
 
@@ -142,9 +141,8 @@ def test_the_effect_of_an_option_is_that_of_leaving_it_out(name, option, value):
 
 
 def test_other_records_widen_the_magnitude_to_both_sides():
-    drawn = [
-        Lognormal("pgv_m_s", 0.35 * math.exp(0.1 * z), 0.3) for z in norm.ppf((np.arange(200) + 0.5) / 200)
-    ]
+    z = norm.ppf((np.arange(200) + 0.5) / 200)
+    drawn = [Lognormal("pgv_m_s", median, 0.3) for median in 0.35 * np.exp(0.1 * z)]
     table = largest_magnitudes(GRID, ROCK, drawn, one_event(0.95, 5))
     finite = table[np.isfinite(table["magnitude_high"]) & np.isfinite(table["magnitude_low"])]
     # Of the median's logarithm by 0.1 * 1.96, through a slope of 1.2 a magnitude.
@@ -235,11 +233,8 @@ def test_a_file_that_holds_no_traces_is_refused(tmp_path, text, what):
 
 
 def test_bins_of_a_deaggregation_are_excluded_where_their_earthquake_topples_the_rock():
-    bins = [
-        Bin((6.9, 7.1), (0.0, 10.0), 3.0),
-        Bin((4.9, 5.1), (0.0, 10.0), 1.0),
-        Bin((8.4, 8.6), (0.0, 10.0), 0.0),
-    ]
+    near = 0.0, 10.0
+    bins = [Bin((6.9, 7.1), near, 3.0), Bin((4.9, 5.1), near, 1.0), Bin((8.4, 8.6), near, 0.0)]
     # Medians of exp(-0.1) and exp(-2.3) at 5 km, but for 1.3 ln 2: 3.6 and 0 standard deviations above the rock's.
     rock = Lognormal("pgv_m_s", math.exp(-3.2 + 1.3 * math.log(2)), 0.1)
     table = excluded_bins(bins, [Simple()], GRID, rock, [one_event(0.95)])
@@ -251,11 +246,8 @@ def test_bins_of_a_deaggregation_are_excluded_where_their_earthquake_topples_the
 
 @pytest.fixture
 def curves(tmp_path):
-    return str(
-        write_curves(
-            tmp_path / "rock.json", [Lognormal("pgv_m_s", 0.25, 0.3), Lognormal("pga_m_s2", 3.0, 0.3)]
-        )
-    )
+    made = [Lognormal("pgv_m_s", 0.25, 0.3), Lognormal("pga_m_s2", 3.0, 0.3)]
+    return str(write_curves(tmp_path / "rock.json", made))
 
 
 @pytest.fixture

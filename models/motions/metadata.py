@@ -335,12 +335,17 @@ def _completed(channels: Triple, entry: Entry) -> Triple:
         values, known = component.acceleration_m_s2, component.unit_known
         if not known and entry.unit_m_s2 is not None:
             values, known = values * entry.unit_m_s2, True
+        stated, warnings = component.direction, component.warnings
+        if bearing is not None and isinstance(stated, float) and bearing % 360 != stated:
+            by_file = f"{component.label or component.path.name} points to {stated:g} degrees by its file"
+            warnings = (*warnings, f"{by_file}, to {bearing:g} by the table, which counts")
         return replace(
             component,
+            warnings=warnings,
             acceleration_m_s2=values,
             unit_known=known,
             time_step_s=_step(component, entry),
-            direction=float(bearing % 360) if bearing is not None else component.direction,
+            direction=float(bearing % 360) if bearing is not None else stated,
             corrected=entry.corrected if entry.corrected is not None else component.corrected,
         )
 
@@ -349,12 +354,9 @@ def _completed(channels: Triple, entry: Entry) -> Triple:
         vertical = complete(vertical, None)
         if not isinstance(vertical.direction, str):
             vertical = replace(vertical, direction=UP)
-    first, second = (
-        complete(channels.first, entry.h1_azimuth_deg),
-        complete(channels.second, entry.h2_azimuth_deg),
-    )
-    completed = Triple(first, second, vertical)
-    return completed if completed.first.unit_known else _scaled_to_peaks(completed, entry)
+    first = complete(channels.first, entry.h1_azimuth_deg)
+    completed = Triple(first, complete(channels.second, entry.h2_azimuth_deg), vertical)
+    return completed if first.unit_known else _scaled_to_peaks(completed, entry)
 
 
 def _refuse_other_direction(name: str, component: Component, entry: Entry) -> None:

@@ -338,8 +338,7 @@ def test_friction_may_be_any_number_or_sequence_of_one_or_two(given, pair):
 
 
 def test_one_direction_is_asked_as_a_list_of_one_is():
-    scene = Scene.block(0.2, 0.3, 0.6)
-    assert [scene.tips_m_s2(one) for one in ("N40E", 50)] == 2 * [scene.tips_m_s2([50.0])]
+    assert len({str(Scene.block(0.2, 0.3, 0.6).tips_m_s2(one)) for one in ("N40E", 50, [50.0])}) == 1
 
 
 def test_a_mesh_is_taken_as_a_pair_as_lists_or_as_a_trimesh_alike():

@@ -86,13 +86,10 @@ def test_a_record_that_is_given_twice_is_kept_once_unless_folders_are_sites(name
 
 def test_horizontals_along_one_line_are_refused_and_oblique_ones_resolved(tmp_path):
     a = shaking()
-    columns(tmp_path, a)
-    table = tmp_path / "table.csv"
-    lines = table.read_text().splitlines()
 
     def with_azimuths(h1, h2):
-        table.write_text(f"{lines[0]},h1_azimuth,h2_azimuth\n{lines[1]},{h1},{h2}\n")
-        return imported(tmp_path, process=None)
+        tabled(columns(tmp_path, a), unit="m/s2", h1_azimuth=f"{h1}", h2_azimuth=f"{h2}")
+        return imported(tmp_path)
 
     left_out(with_azimuths(10, 25), "record.horizontals_parallel", 10, 25)
     (record,) = with_azimuths(90, 30).records

@@ -154,8 +154,8 @@ def written(folder, text, name="rec.csv"):
     return folder / name
 
 
-def by_table(path, unit="m/s2"):
-    tabled([path] * 3, unit=unit, processing="corrected")
+def by_table(path, **stated):
+    tabled([path] * 3, unit="m/s2", processing="corrected", **stated)
     return import_records([path], read_table(path.with_name("table.csv")), ImportOptions())
 
 
@@ -167,10 +167,6 @@ def check_same(outcome, motion=A, north_known=True):
     np.testing.assert_allclose(record.motion.acceleration_m_s2, motion, atol=WITHIN_M_S2)
 
 
-def samples(path):
-    return np.column_stack([component.acceleration_m_s2 for component in read_file(path)])
-
-
 @settings(max_examples=80)
 @given(columns())
 def test_a_motion_is_the_same_whatever_tells_its_time_unit_and_directions(tmp_path_factory, text):
@@ -179,7 +175,7 @@ def test_a_motion_is_the_same_whatever_tells_its_time_unit_and_directions(tmp_pa
 
 
 @pytest.mark.parametrize(
-    "header", ["", "# made by a program of ours\n", "# t UD NS EW\n# made on a Monday morning\n"]
+    "header", ["", "# by a program of ours\n", "# t UD NS EW\n# made on a Monday morning\n"]
 )
 def test_columns_without_names_are_two_horizontals_and_the_vertical(header, tmp_path):
     check_same(by_table(written(tmp_path, header + rows())), north_known=False)
@@ -200,11 +196,19 @@ def test_a_unit_that_nothing_says_is_left_to_the_table(text, tmp_path):
     assert len(by_table(path).records) == 1
 
 
+def test_an_azimuth_of_the_table_counts_and_is_told_where_the_file_says_another(tmp_path):
+    outcome = by_table(written(tmp_path, f"{NAMED}\n" + rows()), h1_azimuth="0", h2_azimuth="90")
+    check_same(outcome, A[:, [1, 0, 2]])
+    told = [set(text.replace(",", "").split()) for _, text in outcome.warnings]
+    assert [words & {"ew", "ns", "0", "90"} for words in told] == [{"ew", "0", "90"}, {"ns", "0", "90"}]
+
+
 def test_numbers_that_fill_their_columns_are_parted_before_their_signs(tmp_path):
     lines = [f"{n * STEP_S:7.3f}" + "".join(f"{100 * x:7.3f}" for x in row) for n, row in enumerate(GLUED)]
     assert any(len(line.split()) < 4 for line in lines)
     path = written(tmp_path, "Time (s) EW (gal) NS (gal) UD (gal)\n" + "\n".join(lines))
-    assert np.abs(samples(path) - GLUED).max() < WITHIN_M_S2
+    found = np.column_stack([component.acceleration_m_s2 for component in read_file(path)])
+    assert np.abs(found - GLUED).max() < WITHIN_M_S2
 
 
 def test_accelerations_of_three_files_are_aligned_by_times_and_their_integrals_left_out(tmp_path):

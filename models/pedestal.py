@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
-from toppling.models.frames import plane_normal, slope_of_normal
+from toppling.models.frames import plane_normal, rotation_between, slope_of_normal
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +38,15 @@ class Pedestal:
     def downhill_azimuth_deg(self) -> float:
         """Azimuth toward which the interface plane falls."""
         return slope_of_normal(self.normal)[1]
+
+    def triangles(self, around_m: Array, reach_m: float) -> tuple[Array, NDArray[np.int64]]:
+        """Vertices (n, 3) and triangles (m, 3) of its surface; of an infinite plane a square around a place (3,)."""
+        if self.vertices_m is not None and self.faces is not None:
+            return self.vertices_m, self.faces
+        middle = around_m - ((around_m - self.point_m) @ self.normal) * self.normal
+        square = reach_m * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float)
+        turn = rotation_between((0.0, 0.0, 1.0), self.normal)
+        return square @ turn.T + middle, np.array([[0, 1, 2], [0, 2, 3]], np.int64)
 
     @classmethod
     def sloping(cls, slope_deg: float, downhill_azimuth_deg: float) -> Pedestal:

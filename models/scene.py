@@ -28,7 +28,7 @@ from toppling.models.hidden_base.unseen_base import UnseenBase
 from toppling.models.lengths import check_remarks, metres_in, too_large
 from toppling.models.pedestal import ContactProperties, Pedestal
 from toppling.models.rock import Rock, check_size, check_triangles, nearby_origin_m
-from toppling.models.rounded.base import RollingBody, RoundedBase, refined, rounded_base_of
+from toppling.models.rounded.base import RoundedBase, refined, rounded_base_of
 from toppling.models.shapes import box
 from toppling.models.statics import Limits, quasi_static_toppling_m_s2, slides_m_s2
 
@@ -201,12 +201,9 @@ class Scene(Described):
         return None if drawn else rounded_base_of(self.rock)
 
     @property
-    def rolling_body(self) -> RollingBody | None:
-        """Rolling body on the smooth surface of a rounded base; None for other bases."""
-        base = self.rounded_base
-        if base is None or not base.rolls or not self.ground.is_plane:
-            return None
-        return RollingBody(base.patches, self.rock.com_m, self.pedestal.normal, self.gravity_m_s2)
+    def rolls(self) -> bool:
+        """Whether the rock touches with the smooth surface of a rounded base."""
+        return self.rounded_base is not None and self.rounded_base.rolls
 
     @cached_property
     def ground(self) -> "GroundKind":
@@ -226,30 +223,26 @@ class Scene(Described):
 
     @cached_property
     def grounded(self) -> "GroundedBody":
-        """The rock on its pedestal's surface, for contacts with individual normals."""
+        """The rock on its pedestal's surface, each contact along its own normal."""
         from toppling.models.ground.body import grounded_body
 
         friction = (self.contact.friction_static, self.contact.friction_kinetic)
-        smooth = self.rounded_base is not None and self.rounded_base.rolls
-        return grounded_body(self.rock, self.pedestal, self.gravity_m_s2, friction, smooth)
+        return grounded_body(self.rock, self.pedestal, self.gravity_m_s2, friction, self.rolls)
 
     def statics(self, ground_accelerates_toward_deg: Iterable[float | str]) -> list[Limits]:
         """Accelerations at which the rock tips and slides, by azimuths or bearings such as "N40E".
 
-        On a plane by :mod:`toppling.models.statics`, for a rounded base :mod:`toppling.models.rounded.base`, on a
-        surface :mod:`toppling.models.tipping`, where a rock that does not stand by itself has zeros.
+        By :mod:`toppling.models.statics` for a rock that stands on points over a plane, else by
+        :mod:`toppling.models.tipping`, where one that does not stand by itself has zeros.
         """
         given = ground_accelerates_toward_deg
         azimuths = [azimuth_of(each) for each in ([given] if isinstance(given, str | Real) else given)]
-        if not self.ground.is_plane:
+        if self.rolls or not self.ground.is_plane:
             from toppling.models.tipping import limits_on_surface
 
             return limits_on_surface(self.grounded, tuple(azimuths))
         normal, g = self.pedestal.normal, self.gravity_m_s2
-        if (rolling := self.rolling_body) is not None:
-            tips = rolling.toppling_m_s2(azimuths)
-        else:
-            tips = np.array([a for _, a in quasi_static_toppling_m_s2(self.rock, self.pedestal, g, azimuths)])
+        tips = np.array([a for _, a in quasi_static_toppling_m_s2(self.rock, self.pedestal, g, azimuths)])
         slides = slides_m_s2(normal, g, self.contact.friction_static, np.array(azimuths))
         return list(map(Limits, azimuths, tips.tolist(), np.where(slides < tips, slides, np.inf).tolist()))
 
@@ -270,7 +263,7 @@ class Scene(Described):
     @cached_property
     def stated(self) -> list[Limits]:
         """Values for `scene.json`; on a surface an azimuth takes some hundredths of a second."""
-        return self.statics(np.arange(0.0, 360.0, 5.0 if self.ground.is_plane else 15.0))
+        return self.statics(np.arange(0.0, 360.0, 5.0 if self.ground.is_plane and not self.rolls else 15.0))
 
     @cached_property
     def id(self) -> str:
@@ -392,12 +385,8 @@ class Scene(Described):
 
     def pedestal_triangles(self) -> tuple[Array, NDArray[np.int64]]:
         """Vertices (n, 3) and triangles (m, 3) of the pedestal for display; a square for an infinite plane."""
-        if self.pedestal.vertices_m is not None and self.pedestal.faces is not None:
-            return self.pedestal.vertices_m, self.pedestal.faces
         reach = 2.0 * float(np.linalg.norm(np.ptp(self.rock.vertices_m, axis=0)))
-        turn = rotation_between((0.0, 0.0, 1.0), self.pedestal.normal)
-        square = reach * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float)
-        return square @ turn.T + self.pedestal.point_m, np.array([[0, 1, 2], [0, 2, 3]], np.int64)
+        return self.pedestal.triangles(self.pedestal.point_m, reach)
 
 
 def _gravity(gravity: float) -> float:

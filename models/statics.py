@@ -26,7 +26,7 @@ from toppling.models.support import (
 
 __all__ = [
     "CONTACT_SHARE_OF_HEIGHT", "EQUILIBRIUM_MARGIN", "TOPPLED_FALL", "TOPPLED_TILT_DEG", "Limits", "at_rest",
-    "equilibrium_possible", "holds_still", "polygon", "quasi_static_toppling_m_s2", "slides_m_s2", "support_polygon_m",
+    "equilibrium_possible", "polygon", "quasi_static_toppling_m_s2", "slides_m_s2", "support_polygon_m",
 ]  # fmt: skip
 
 EQUILIBRIUM_MARGIN = 1e-9
@@ -147,7 +147,17 @@ def equilibrium_possible(
     """
     corners = support_polygon_m(rock, pedestal)
     pull = np.array([0.0, 0.0, -gravity_m_s2]) - np.atleast_2d(np.asarray(acceleration_m_s2, float))
-    return holds_still(corners, rock.com_m, pedestal.normal, friction_static, pull)
+    normal, com_m = pedestal.normal, rock.com_m
+    if len(corners) < 3 or planar_hull(corners @ np.column_stack(plane_axes(normal)), 0.0) is None:
+        return np.zeros(len(pull), bool)
+    pressing = -pull @ normal
+    along = np.linalg.norm(pull + pressing[:, None] * normal, axis=1)
+    margin = EQUILIBRIUM_MARGIN * np.linalg.norm(pull, axis=1)
+    grips = along <= friction_static * pressing - margin
+    holding = pull @ moment_arms(corners, com_m, normal).T  # (n, edges)
+    arm = np.linalg.norm(corners - com_m, axis=1).max()
+    held = (holding >= margin[:, None] * arm).all(axis=1)
+    return (pressing > margin) & grips & held
 
 
 def polygon(points_m: Array, normal: Array, width_m: float) -> Array:
@@ -156,27 +166,3 @@ def polygon(points_m: Array, normal: Array, width_m: float) -> Array:
         return points_m
     order = planar_hull(points_m @ np.column_stack(plane_axes(normal)), width_m)
     return points_m if order is None else points_m[order]
-
-
-def holds_still(
-    corners_m: Array, com_m: Array, normal: Array, friction: float, pull_m_s2: Array
-) -> NDArray[np.bool_]:
-    """Conditions of :func:`equilibrium_possible` for a support polygon in any pose and frame.
-
-    corners_m: (k, 3), counter-clockwise seen against the normal; with fewer than three the result is false.
-    com_m: (3,).
-    normal: (3,), upward unit normal of the plane.
-    friction: static coefficient.
-    pull_m_s2: (n, 3), gravity minus ground acceleration.
-    Returns (n,) bool array.
-    """
-    if len(corners_m) < 3 or planar_hull(corners_m @ np.column_stack(plane_axes(normal)), 0.0) is None:
-        return np.zeros(len(pull_m_s2), bool)
-    pressing = -pull_m_s2 @ normal
-    along = np.linalg.norm(pull_m_s2 + pressing[:, None] * normal, axis=1)
-    margin = EQUILIBRIUM_MARGIN * np.linalg.norm(pull_m_s2, axis=1)
-    grips = along <= friction * pressing - margin
-    holding = pull_m_s2 @ moment_arms(corners_m, com_m, normal).T  # (n, edges)
-    arm = np.linalg.norm(corners_m - com_m, axis=1).max()
-    held = (holding >= margin[:, None] * arm).all(axis=1)
-    return (pressing > margin) & grips & held

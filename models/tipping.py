@@ -2,7 +2,7 @@
 
 In each pose the contacts tell up to which acceleration the rock stays without slip (:mod:`toppling.models.pivots`), and
 which their friction cones hold (:mod:`toppling.models.ground.equilibrium`). Beyond the former it turns by small steps
-about the axis that gains most energy.
+about the axis that gains most energy, on one smooth contact along its equilibria.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from toppling.models.caching import cached
 from toppling.models.compiled import Array
@@ -18,10 +17,10 @@ from toppling.models.frames import horizontal_unit_vector
 from toppling.models.ground.body import GroundedBody
 from toppling.models.ground.contacts import LEANING, MOST
 from toppling.models.ground.equilibrium import farthest_load, shortest, wrenches
-from toppling.models.ground.facets import FIRST_KEY as FIRST_SMOOTH_KEY
+from toppling.models.ground.rolling import FIRST_KEY as FIRST_SMOOTH_KEY
 from toppling.models.ground.stepping import Grounded, contacts_at
 from toppling.models.pivots import Turn, crossed, kept_share, tips_m_s2, turn_under
-from toppling.models.statics import Limits
+from toppling.models.statics import TOPPLED_TILT_DEG, Limits
 
 _STEP_SHARE = 0.008
 """Length of a step along the path, as a fraction of the half diagonal R."""
@@ -35,7 +34,7 @@ _TOUCHING_SHARE = 1e-6
 _PRESSED_SHARE = 1e-5
 """Length of the step that closes the gaps opened by a rotation to first order, as a fraction of R."""
 
-_TIPPED_COSINE = math.cos(0.4)  # of half the largest tilt of the path, 0.8 rad
+_TIPPED_COSINE = math.cos(math.radians(0.5 * TOPPLED_TILT_DEG))  # of half the largest tilt of the path
 
 _GATHERED = 3e-3
 """Energy per mass over g R up to which a rock counts as at rest: it gathers as much over the unevenness of its base, or
@@ -47,8 +46,13 @@ _BEYOND = 0.01
 _SHORT_OF = 1e-3
 """Share of the acceleration in a pose at whose border friction is not asked: contacts are known to some micrometres."""
 
+_ROLLED_RAD, _BALANCED_RAD, _MOST_CORRECTIONS = 1e-3, 1e-4, 3
+"""Angle by which a rock on one smooth contact is rolled to see how its balance changes; from its equilibrium, of one
+that is in it; and rotations, at most, by which it gets there."""
+
+_ROUNDING = 1e-12  # acceleration over g
 _MOST_GRAVITIES = 30.0  # acceleration, over g, beyond which a pose supports any
-_MOST_STEPS = 600  # of a path
+_MOST_STEPS = 1200  # of a path
 
 
 @cached
@@ -75,30 +79,39 @@ def _followed(body: GroundedBody, azimuth_deg: float) -> tuple[float, float]:
     settles_m = load * (_PRESSED_SHARE * size_m / g)  # some contacts of a rock that was let down nearly touch
     pose = _pressed(body, start, _near(sim, start, travel_m), settles_m)
     last = peak = prior = pose
-    turn, pivot_m = None, pose[:3]
+    turn, pivot_m, corrections = None, pose[:3], 0
     for _ in range(_MOST_STEPS):
         near = _near(sim, pose, travel_m)
         touching = near[near["gap_m"] < _TOUCHING_SHARE * size_m]
         rolls = len(touching) > 0 and touching["key"].min() >= FIRST_SMOOTH_KEY
+        off_rad = np.inf
+        if rolls and len(touching) == 1:
+            onward, back, off_rad = _rolled_on(sim, pose, touching, push, turn)
+            if _BALANCED_RAD < off_rad < _STEP_SHARE and corrections < _MOST_CORRECTIONS:
+                corrections += 1
+                pose = _about(pose, back, off_rad)
+                pose = _closed(body, pose, _near(sim, pose, travel_m))
+                continue
+        corrections = 0
         most = tips_m_s2(touching["arm_m"], touching["normal"], size_m, load, push)
         if most is not None:
             held = most
         elif len(touching):
             held = _balanced_m_s2(touching, load, push)
         rests = rolls or most is not None
-        if (
-            rolled
-            and last is peak
-            and pose is not peak
-            and held < best
-            and travel_m > _LEAST_STEP_SHARE * size_m
-        ):
+        tilted = abs(start[3:] @ pose[3:]) < _TIPPED_COSINE
+        lost = rolled and last is peak and pose is not peak and (held < best or tilted)
+        if lost and travel_m > _LEAST_STEP_SHARE * size_m:
             # The largest lies between the pose before and this one: go back, and take shorter steps between them.
             pose = last = prior
             near, short = _near(sim, pose, travel_m), 8
             travel_m = next_m = 0.25 * travel_m
             touching = near[near["gap_m"] < _TOUCHING_SHARE * size_m]
+            if len(touching) == 1:
+                onward, _, off_rad = _rolled_on(sim, pose, touching, push, turn)
         else:
+            if tilted:
+                break
             gathered_j_kg = max(gathered_j_kg + float((load + best * push) @ (pose[:3] - last[:3])), 0.0)
             if turn is not None:
                 turn = Turn(pivot_m - pose[:3], turn.axis)
@@ -106,7 +119,7 @@ def _followed(body: GroundedBody, azimuth_deg: float) -> tuple[float, float]:
             moves = gathered_j_kg > _GATHERED * size_m * g
             if moves and load @ (pose[:3] - last[:3]) > 0.0:
                 break
-            if held > best and rests and not moves:
+            if held > best + _ROUNDING * g and rests and not moves:
                 if slides == np.inf:
                     between = best, min(held, _MOST_GRAVITIES * g)
                     slides = _slides_m_s2(body, touching, push, between, rolls and most is None)
@@ -117,13 +130,13 @@ def _followed(body: GroundedBody, azimuth_deg: float) -> tuple[float, float]:
             next_m = travel_m if short > 0 else _STEP_SHARE * size_m
             if len(near) == MOST:  # beyond the farthest of them others may land
                 next_m = min(next_m, max(0.5 * float(near["gap_m"].max()), _LEAST_STEP_SHARE * size_m))
-        tilted = abs(start[3:] @ pose[3:]) < _TIPPED_COSINE
-        if tilted or np.linalg.norm(pose[:3] - start[:3]) > size_m:
+        if np.linalg.norm(pose[:3] - start[:3]) > size_m:
             break
         # Elsewhere than at rest it goes on under the acceleration that moved it, to where that holds it again.
         held_m_s2 = max(best, min(held, _MOST_GRAVITIES * g)) if rests else best
         force = load + ((1.0 + _BEYOND) * held_m_s2 + _BEYOND * g) * push
-        turn = turn_under(touching["arm_m"], touching["normal"], size_m, force)
+        falls = off_rad >= _STEP_SHARE
+        turn = turn_under(touching["arm_m"], touching["normal"], size_m, force) if falls else onward
         if turn is None:  # nothing carries it on
             best = max(best, held) if rests else best
             break
@@ -141,10 +154,39 @@ def _near(sim: Grounded, pose: Array, travel_m: float) -> np.ndarray:
 
 def _balanced_m_s2(touching: np.ndarray, load: Array, push: Array) -> float:
     """Acceleration under which the line of action passes a contact, seen along the level across the push."""
+    across, arms_m = crossed(push, load), touching["arm_m"]
+    return float((-(arms_m @ crossed(load, across)) / (arms_m @ crossed(push, across))).max())
+
+
+def _rolled_on(
+    sim: Grounded, pose: Array, contact: np.ndarray, push: Array, turn: Turn | None
+) -> tuple[Turn, Turn, float]:
+    """The rotations along the equilibria of a rock on one smooth contact and back to them, and how far back, rad.
+
+    It is in equilibrium where the line of action passes the contact also seen along the push. How far it misses
+    changes as the rock rolls about two axes.
+    """
+    load, arm, normal = sim.gravity_m_s2, contact["arm_m"][0], contact["normal"][0]
     across = crossed(push, load)
-    return float(
-        (-(crossed(touching["arm_m"], load) @ across) / (crossed(touching["arm_m"], push) @ across)).max()
-    )
+    axes = np.array([across, crossed(normal, across)])
+    axes -= (axes @ normal)[:, None] * normal
+    axes /= np.linalg.norm(axes, axis=1)[:, None]
+
+    def missed(near: np.ndarray) -> float:
+        force = load + _balanced_m_s2(near, load, push) * push
+        return float(crossed(near["arm_m"][0], force) @ axes[1])
+
+    now, changes = missed(contact), np.zeros(2)
+    for k, axis in enumerate(axes):
+        near = _near(sim, _about(pose, Turn(arm, axis), _ROLLED_RAD), _STEP_SHARE * sim.size_m)
+        near = near[near["key"] == contact["key"][0]]
+        changes[k] = (missed(near) - now) / _ROLLED_RAD if len(near) else 0.0
+    square = max(float(changes @ changes), 1e-300)
+    along = np.array([changes[1], -changes[0]]) / math.sqrt(square)
+    if (axes[0] if turn is None else turn.axis) @ (along @ axes) < 0.0:
+        along = -along
+    back = -now * changes / square @ axes
+    return Turn(arm, along @ axes), Turn(arm, back / max(off := float(np.linalg.norm(back)), 1e-300)), off
 
 
 def _slides_m_s2(
@@ -171,9 +213,7 @@ def _turned(body: GroundedBody, pose: Array, near: np.ndarray, turn: Turn, trave
     lands = (near["gap_m"] >= _TOUCHING_SHARE * body.size_m) & (near["key"] < FIRST_SMOOTH_KEY)
     lands &= closing * angle > near["gap_m"] + _PRESSED_SHARE * body.size_m
     angle = float((near["gap_m"][lands] / closing[lands]).min(initial=angle))
-    return _placed(
-        pose, turn.arm_m - Rotation.from_rotvec(angle * turn.axis).apply(turn.arm_m), angle * turn.axis
-    )
+    return _about(pose, turn, angle)
 
 
 def _closed(body: GroundedBody, pose: Array, near: np.ndarray) -> Array:
@@ -193,12 +233,25 @@ def _closed(body: GroundedBody, pose: Array, near: np.ndarray) -> Array:
 def _pressed(body: GroundedBody, pose: Array, near: np.ndarray, travel_m: Array) -> Array:
     """A pose moved along a short way (3,), changed by the least that lets no contact be deep."""
     scale = np.repeat([1.0, math.sqrt(body.inertia_m2.mean())], 3)
-    columns = wrenches(near["arm_m"], near["normal"], 0.0) / scale[:, None]
+    columns = np.hstack([near["normal"], crossed(near["arm_m"], near["normal"])]).T / scale[:, None]
     free = np.append(travel_m, np.zeros(3))
     twist = (free + shortest(columns, -near["gap_m"] - free @ columns)) / scale
     return _placed(pose, twist[:3], twist[3:])
 
 
+def _about(pose: Array, turn: Turn, angle_rad: float) -> Array:
+    """A pose turned by an angle."""
+    aside = crossed(turn.axis, turn.arm_m)
+    arm_m = math.sin(angle_rad) * aside + (1.0 - math.cos(angle_rad)) * crossed(turn.axis, aside)
+    return _placed(pose, -arm_m, angle_rad * turn.axis)
+
+
 def _placed(pose: Array, moved_m: Array, turned_rad: Array) -> Array:
-    turned = Rotation.from_rotvec(turned_rad) * Rotation.from_quat(pose[3:])
-    return np.concatenate([pose[:3] + moved_m, turned.as_quat()])
+    half = 0.5 * float(np.linalg.norm(turned_rad))
+    x, y, z = 0.5 * np.sinc(half / np.pi) * turned_rad
+    (a, b, c, d), w = pose[3:], math.cos(half)
+    attitude = (
+        w * a + d * x + y * c - z * b, w * b + d * y + z * a - x * c,
+        w * c + d * z + x * b - y * a, w * d - x * a - y * b - z * c,
+    )  # fmt: skip
+    return np.concatenate([pose[:3] + moved_m, attitude])

@@ -62,17 +62,11 @@ class Problem:
             return given_state(self.contact, self.start)
         return self.scene.grounded.resting_pose, np.zeros(6)
 
-    @property
-    def rolls(self) -> bool:
-        """Whether the rock rolls on a rounded base: nothing brakes it, and it swings on after the motion."""
-        base = self.scene.rounded_base
-        return base is not None and base.rolls
-
     @cached_property
     def farthest_m(self) -> float:
         """From the centre of mass to what of the rock is farthest from it."""
         rock, base = self.scene.rock, self.scene.rounded_base
-        places = rock.hull_vertices_m if base is None or not self.rolls else base.patches.vertices_m
+        places = rock.hull_vertices_m if base is None or not base.rolls else base.patches.vertices_m
         farthest_m = float(np.linalg.norm(places - rock.com_m, axis=1).max())
         return max(farthest_m, float(np.linalg.norm(self.contact.points_body_m, axis=1).max()))
 

@@ -10,14 +10,7 @@ from toppling.models.caching import cached
 from toppling.models.errors import InputError
 from toppling.models.ground.points import contact_of
 from toppling.models.scene import Scene
-from toppling.models.statics import (
-    CONTACT_SHARE_OF_HEIGHT,
-    TOPPLED_TILT_DEG,
-    at_rest,
-    equilibrium_possible,
-    holds_still,
-    polygon,
-)
+from toppling.models.statics import TOPPLED_TILT_DEG, at_rest, equilibrium_possible
 from toppling.workers.termination import friction_that_stops
 
 _PASSES = 3
@@ -45,11 +38,9 @@ def settled(scene: Scene) -> Scene:
             expected=f"at least tan(slope), {least:.3f}",
             remedy="raise it: a rock that lies still after a slip shows that it is higher",
         )
-    if not scene.ground.is_plane:
+    if scene.rolls or not scene.ground.is_plane:
         rock = scene.grounded.rock_at_rest(scene.rock, scene.pedestal, f"scene {scene.id}")
         return dataclasses.replace(scene, rock=rock)
-    if scene.rolling_body is not None and not _stands_on_corners(scene):
-        return _rolled_to_rest(scene)
     seated = _on_its_pedestal(scene)
     # Several passes: an uneven pedestal's feet change a little with the pose they were made for.
     for _ in range(_PASSES):
@@ -64,32 +55,6 @@ def settled(scene: Scene) -> Scene:
     if moved_m > 0.1 * scene.rock.height_m:
         raise _falls(scene, f"its centre of mass moves by {moved_m:.3g} m")
     return seated
-
-
-def _stands_on_corners(scene: Scene) -> bool:
-    """Whether corners that belong to no smooth part of a rounded base carry the rock."""
-    base, rock, pedestal = scene.rounded_base, scene.rock, scene.pedestal
-    assert base is not None
-    low_m = ((rock.vertices_m - pedestal.point_m) @ pedestal.normal).min()
-    corners = base.patches.vertices_m[base.patches.points]
-    width_m = CONTACT_SHARE_OF_HEIGHT * rock.height_m
-    corners = corners[(corners - pedestal.point_m) @ pedestal.normal <= low_m + width_m]
-    gravity = np.array([[0.0, 0.0, -scene.gravity_m_s2]])
-    ring = polygon(corners, pedestal.normal, width_m)
-    return bool(holds_still(ring, rock.com_m, pedestal.normal, scene.contact.friction_static, gravity)[0])
-
-
-def _rolled_to_rest(scene: Scene) -> Scene:
-    """The scene with its rock where it comes to rest on the smooth surface of its base."""
-    body, rock, normal = scene.rolling_body, scene.rock, scene.pedestal.normal
-    assert body is not None
-    turn = body.resting_turn()
-    if turn is None:
-        raise _falls(scene, "it rolls over")
-    low_m = float((rock.com_m + body.arms_m(turn)[0] - scene.pedestal.point_m) @ normal)
-    rotation = turn.as_matrix()
-    com = rock.com_m - low_m * normal
-    return dataclasses.replace(scene, rock=rock.moved(rotation, com - rotation @ rock.com_m))
 
 
 def _on_its_pedestal(scene: Scene) -> Scene:

@@ -160,8 +160,8 @@ class Shaking:
             contact.support_from_body[2],
             problem.motion.duration_s,
         )
-        starts_on_plane = len(self.sim.over.points) > 0
-        first_s = min(over_s, problem.weak_from_s) if problem.shortcuts and starts_on_plane else over_s
+        may_calm = problem.shortcuts and len(self.sim.over.points) > 0 and not problem.scene.rolls
+        first_s = min(over_s, problem.weak_from_s) if may_calm else over_s
         return Watch(
             up=(up[0], up[1], up[2]),
             upright=(upright[0], upright[1], upright[2]),
@@ -239,7 +239,7 @@ class Shaking:
         time_s, pose = self.time_and_pose()
         if (
             ended_by == "rest_certain"
-            and problem.rolls
+            and problem.scene.rolls
             and self._rest_s[1] != self.time_s
             and len(sim.rock.faces) == 0
         ):
@@ -285,7 +285,7 @@ def _plane_points(scene: Scene) -> PlanePoints:
 def _rolling(problem: Problem) -> RollingSurface:
     """The smooth surface with which a rounded base touches its plane."""
     contact, base, com_m = problem.contact, problem.scene.rounded_base, problem.scene.rock.com_m
-    if not problem.rolls or base is None or not problem.scene.ground.is_plane:
+    if base is None or not base.rolls or not problem.scene.ground.is_plane:
         return NO_ROLLING
     return rolling_surface(base.patches, com_m, contact.scene_from_support @ contact.support_from_body)
 

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from toppling.models.caching import cached
 from toppling.models.compiled import Array
 from toppling.models.errors import InputError
-from toppling.models.ground.body import GroundedBody
+from toppling.models.ground.body import SETTLING_STEP, GroundedBody
 from toppling.models.ground.creeping import settle
 from toppling.models.ground.equilibrium import are_held, wrenches
 from toppling.workers import quaternion as quat
@@ -29,9 +29,6 @@ _MANY_CONTACTS = 24
 
 _SETTLING_STEPS, _SETTLING_ROUNDS = 100, 3
 """Number of steps and of rounds in which a rock that is let down from its present pose must come to stand."""
-
-_SETTLING_STEP = 0.05
-"""Time step over sqrt(R / g) with which a rock is let down."""
 
 _UNMOVED_SHARE = 0.02
 """Displacement over R of a rock that has hardly moved."""
@@ -83,7 +80,9 @@ def let_down(body: GroundedBody, pose: Array) -> Array | None:
     if body.rolls_on_facets:
         rest = body.rolled_to_rest(pose)
         return rest if holds(body, rest, body.load_m_s2()[None], rolls=True) else None
-    sim = body.clockless(pose, _SETTLING_STEP * math.sqrt(body.size_m / body.gravity_m_s2))
+    rock, ground = body.moving
+    sim = body.clockless(pose, SETTLING_STEP * math.sqrt(body.size_m / body.gravity_m_s2))
+    sim = sim._replace(rock=rock, ground=ground)
     load = body.load_m_s2()
     for _ in range(_SETTLING_ROUNDS):
         if holds(body, sim.pose[0], load[None]):

@@ -10,6 +10,7 @@ import numpy as np
 from toppling.models.compiled import Array, Vector, compiled, inner
 from toppling.models.ground.equilibrium import STILL, held_until, is_still
 from toppling.models.ground.rigid import copy, dot, minus, square
+from toppling.models.ground.rolling import FIRST_KEY
 from toppling.models.ground.stepping import Grounded, advance, leaves_plane, step
 from toppling.workers.problem import Problem
 from toppling.workers.quaternion import normal_in_body
@@ -78,9 +79,7 @@ def take_steps(sim: Grounded, block: int, watch: Watch) -> int:
 @inner
 def _only_rolls(sim: Grounded) -> bool:
     """Whether a rock touches with the one place on which it rolls."""
-    return (
-        len(sim.rolling.corners) > 0 and sim.counts[0] == 1 and sim.contacts[0].key < len(sim.rolling.lowest)
-    )
+    return len(sim.rolling.corners) > 0 and sim.counts[0] == 1 and sim.contacts[0].key >= FIRST_KEY
 
 
 @inner

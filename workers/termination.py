@@ -273,7 +273,7 @@ def _too_little_energy(seen: Seen) -> bool:
         return _stands_in(seen, options.certain_share if calmed else options.calm_share, calmed) is not None
     if not _has_little_energy(seen, options.certain_share):
         return False
-    return problem.rolls or now.tilt_deg <= options.moved_deg or is_displaced(now, problem)
+    return problem.scene.rolls or now.tilt_deg <= options.moved_deg or is_displaced(now, problem)
 
 
 def _cannot_overturn(seen: Seen) -> bool:
@@ -297,15 +297,17 @@ def _time_is_up(seen: Seen) -> bool:
 
 
 def _calms_down(seen: Seen) -> bool:
-    """All that is left of the motion is weak, so is the rocking, and the rock is displaced anyway, or rolls back."""
+    """All that is left of the motion is weak, so is the rocking, and the rock is displaced anyway.
+
+    What rolls on a rounded base is moved by any motion.
+    """
     now, problem, options = seen.now, seen.problem, seen.problem.options.termination
-    if not (
-        problem.shortcuts and now.over_plane and problem.weak_from_s < now.time_s <= problem.motion.duration_s
-    ):
+    if not problem.shortcuts or problem.scene.rolls or not now.over_plane:
+        return False
+    if not problem.weak_from_s < now.time_s <= problem.motion.duration_s:
         return False
     near = now.tilt_deg < options.weak_tilt_deg and abs(now.yaw_deg) < options.weak_yaw_deg
-    decided = problem.rolls or (near and is_displaced(now, problem))
-    return decided and _has_little_energy(seen, options.calm_share)
+    return near and is_displaced(now, problem) and _has_little_energy(seen, options.calm_share)
 
 
 Rules = tuple[tuple[str, Rule], ...]

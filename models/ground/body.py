@@ -18,21 +18,15 @@ from toppling.models.frames import plane_axes
 from toppling.models.ground.contacts import CONTACT, LEANING, MOST
 from toppling.models.ground.creeping import settle
 from toppling.models.ground.equilibrium import are_held, held_polygon, wrenches
-from toppling.models.ground.facets import (
-    FIRST_KEY,
-    NO_FACETS,
-    Facets,
-    facets_below,
-    not_looked_at,
-)
+from toppling.models.ground.facets import NO_FACETS, Facets, facets_below, not_looked_at
 from toppling.models.ground.mesh import ContactMesh, contact_mesh, not_touching, smooth_parts
 from toppling.models.ground.pairs import Lists, empty_lists
 from toppling.models.ground.plane import NO_POINTS
-from toppling.models.ground.rolling import NO_ROLLING, rolling_surface
+from toppling.models.ground.rolling import FIRST_KEY, NO_ROLLING, rolling_surface
 from toppling.models.ground.stepping import Grounded, contacts_at, work_room
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
-from toppling.models.rounded.base import patches_of, smooth_mesh_of
+from toppling.models.rounded.smooth_mesh import patches_of, smooth_mesh_of
 from toppling.models.support import TOPPLED_TILT_DEG
 
 GROUND_REACH = 4.0
@@ -53,7 +47,7 @@ _ALMOST_SHARE = 0.01
 _FOOT = 0.2
 """Share of the rock's height below which contacts are those of its base."""
 
-_SETTLING_STEP = 0.05
+SETTLING_STEP = 0.05
 """Time step over sqrt(R / g) with which a rock is let down."""
 
 _ROLLING_STEPS = (0.3, 100), (1.0, 1000)
@@ -61,6 +55,8 @@ _ROLLING_STEPS = (0.3, 100), (1.0, 1000)
 
 _NO_SLOPE = 1e-8
 """Displacement over R in such a step below which a rolled rock is at rest."""
+
+_NUDGE_RAD = 1e-3
 
 _ROLLS, _ROLLED_DEG = 8, 0.5
 """Number of directions, and the angle, in which a rounded base may roll until the rock stands."""
@@ -215,17 +211,24 @@ class GroundedBody:
 
     @cached_property
     def resting_pose(self) -> Array:
-        """The pose in which the rock stands: that of the scene if its contacts hold it, else let down from it."""
+        """The pose in which the rock stands: that of the scene if its contacts hold it, else let down from it.
+
+        One on smooth contacts alone may be balanced: it is turned a little, and rolls back or falls.
+        """
         pose = self.touching(self.pose)
-        if self.hold(self.contacts(pose, RESTING_SHARE * self.size_m), self.load_m_s2()[None])[0]:
+        near = self.contacts(pose, RESTING_SHARE * self.size_m)
+        if self.hold(near, self.load_m_s2()[None])[0] and near["key"].min() < FIRST_KEY:
             return pose
-        step_s = _SETTLING_STEP * math.sqrt(self.size_m / self.gravity_m_s2)
+        if self.rolls_on_facets:
+            nudged = Rotation.from_rotvec([_NUDGE_RAD, 0.0, 0.0]) * Rotation.from_quat(pose[3:])
+            return self.rolled_to_rest(np.concatenate([pose[:3], nudged.as_quat()]))
+        step_s = SETTLING_STEP * math.sqrt(self.size_m / self.gravity_m_s2)
         sim = self.clockless(pose, step_s)
         for _ in range(200):
-            moved_m = settle(sim, self.load_m_s2(), 200, 1e-7 * self.size_m)
-            if self.stands(sim.pose[0]) and (moved_m < 1e-7 * self.size_m or not self.rolls_on_facets):
+            settle(sim, self.load_m_s2(), 200, 1e-7 * self.size_m)
+            if self.stands(sim.pose[0]):
                 break
-        return self.rolled_to_rest(sim.pose[0]) if self.rolls_on_facets else sim.pose[0].copy()
+        return sim.pose[0].copy()
 
     def rolled_to_rest(self, pose: Array) -> Array:
         """The pose in which a rock on a rounded base has no slope, rolled to without gathering speed."""
@@ -233,7 +236,8 @@ class GroundedBody:
             sim = self.clockless(pose, step * math.sqrt(self.size_m / self.gravity_m_s2))
             settle(sim, self.load_m_s2(), sweeps, _NO_SLOPE * self.size_m)
             pose = sim.pose[0].copy()
-        return pose
+        near = self.contacts(pose, RESTING_SHARE * self.size_m)
+        return self.touching(pose) if (near["normal"] @ self.scene_from_support[2] > 0.1).any() else pose
 
     @cached_property
     def rests_nearby(self) -> bool:
@@ -278,9 +282,7 @@ class GroundedBody:
         *,
         smooth: bool = False,
     ) -> GroundedBody:
-        """A rock on a pedestal that is a surface; smooth: with the surface that a rounded base stands for."""
-        assert pedestal.vertices_m is not None
-        assert pedestal.faces is not None
+        """A rock on a pedestal; smooth: with the surface that a rounded base stands for."""
         turn = np.column_stack([*plane_axes(pedestal.normal), pedestal.normal])
         moments, axes = rock.principal_axes(turn)
         com, size = (rock.com_m - pedestal.point_m) @ turn, rock.half_diagonal_m
@@ -291,9 +293,10 @@ class GroundedBody:
             )
         body_m = (rock.vertices_m - rock.com_m) @ turn @ axes
         reach, far = FOUND_WITHIN * size, GROUND_REACH * size
-        ground_m = (pedestal.vertices_m - pedestal.point_m) @ turn
+        vertices_m, ground_faces = pedestal.triangles(rock.com_m, 2.0 * far)
+        ground_m = (vertices_m - pedestal.point_m) @ turn
         around = com + _OFTEN * (body_m @ axes.T).min(axis=0), com + _OFTEN * (body_m @ axes.T).max(axis=0)
-        ground = contact_mesh(ground_m, pedestal.faces, com - far, com + far, reach, often_m=around)
+        ground = contact_mesh(ground_m, ground_faces, com - far, com + far, reach, often_m=around)
         mesh, patches = (smooth_mesh_of(rock), patches_of(rock)) if smooth else (None, None)
         faces, touching, rounded = rock.faces, None, NO_FACETS
         if mesh is not None and patches is not None:

@@ -3,8 +3,7 @@
 The base is farthest along a normal at one place (:mod:`models.ground.rolling`). With a facet it touches there, where
 that place lies over the facet. An edge it touches where the way from the edge to the place is along the normal: of the
 normals between those of the facets beside it there is one, if the base is over neither facet. So every place of a
-convex base is found once, and goes from facet to edge to facet as the rock rolls. Where it ends in a crease, that is a
-curve, which touches facets where it is farthest. Compiled.
+convex base is found once, and goes from facet to edge to facet as the rock rolls. Compiled.
 """
 
 from __future__ import annotations
@@ -20,11 +19,15 @@ from toppling.models.ground.grid import cell_of
 from toppling.models.ground.mesh import ContactMesh, normals_at_edges, sides_at_edges
 from toppling.models.ground.pairs import moved_m
 from toppling.models.ground.rigid import copy, dot, minus, plus, rotation_of, turned, turned_back
-from toppling.models.ground.rolling import NO_ROLLING, RollingSurface, follow, lowest_within, placed_on
+from toppling.models.ground.rolling import (
+    FIRST_KEY,
+    NO_ROLLING,
+    RollingSurface,
+    follow,
+    placed_on,
+    without_rims_of_what_touches,
+)
 from toppling.models.shapes import joined_parts
-
-FIRST_KEY = 4 << 60
-"""First key of the contacts of smooth parts: by part, facets and then edges; then creases, by facet."""
 
 _ONE_FACET = 1e-6
 """Sine of the angle between two triangles up to which they are one facet."""
@@ -37,12 +40,6 @@ _CENTRED = 1e-10
 
 _BESIDE = 1e-9
 """Share of a side by which a place may lie beside a triangle, or beyond an edge's end: it belongs to both beside."""
-
-_ONE_WAY = 1.0 - 1e-6
-"""Cosine between normals of one facet, and of no other."""
-
-_ONE_PLACE = 0.005
-"""Distance from the contact of a part, over that of the farthest vertex, within which vertices belong to its rim."""
 
 
 class Facets(NamedTuple):
@@ -58,15 +55,13 @@ class Facets(NamedTuple):
     angles: Array  # (r, e): of the normal that was found last
     lowest: Indices  # (r, f, 4): patch that was farthest last, against a normal; of edges, against those beside too
     apart_m: Array  # (r, f): way that the rock goes before a part can touch a feature, at least
-    creases_apart_m: Array  # (f,): the same for all creases and a facet; of edges nothing
     looked_at: Array  # (7,): the latest pose
     lengths_m: Array  # (2,): way since the start, and from the centre of mass to the farthest vertex
 
 
 NO_FACETS = Facets(
     NO_ROLLING, np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)),
-    np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0, 4), np.int64), np.zeros((0, 0)), np.zeros(0), np.zeros(7),
-    np.zeros(2),
+    np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0, 4), np.int64), np.zeros((0, 0)), np.zeros(7), np.zeros(2),
 )  # fmt: skip
 """Facets of a rock that touches with its triangles alone."""
 
@@ -91,7 +86,6 @@ def facets_below(surface: RollingSurface, ground: ContactMesh) -> Facets:
         np.zeros((parts, len(start))),
         np.broadcast_to(surface.lowest[:, None, None], (parts, features, 4)).copy(),
         np.zeros((parts, features)),
-        np.zeros(features),
         np.full(7, np.nan),
         np.array([0.0, surface.seen[8]]),
     )
@@ -106,7 +100,6 @@ def not_looked_at(on: Facets) -> Facets:
         angles=np.zeros_like(on.angles),
         lowest=first,
         apart_m=np.zeros_like(on.apart_m),
-        creases_apart_m=np.zeros_like(on.creases_apart_m),
         looked_at=np.full(7, np.nan),
         lengths_m=on.lengths_m * (0.0, 1.0),
     )
@@ -148,44 +141,19 @@ def rounded_contacts(
                 count = _meet_facet((on, ground), part, k, (pose, turn), margin_m, out, count)
             else:
                 count = _meet_edge(on, part, k - facets, (pose, turn), margin_m, out, count)
-    for k in range(facets):
-        if on.creases_apart_m[k] < within_m:
-            count = _meet_creases((on, ground), k, (pose, turn), margin_m, out, count)
-    return _without_rims_of_what_touches(on, out, count)
+    return without_rims_of_what_touches(on.lengths_m[1], out, count)
 
 
 @inner
-def _without_rims_of_what_touches(on: Facets, out: Any, count: int) -> int:
-    """Leave out contacts of a rim beside the place where its part touches: how many are left.
-
-    A convex part touches a plane at one place. Its rim, nearly there, is within what counts as touching before the rock
-    has rolled to it, and would hold the rock as if it had.
-    """
-    creases = FIRST_KEY + len(on.apart_m) * len(on.normals)
-    near_m = _ONE_PLACE * on.lengths_m[1]
-    remaining = 0
-    for i in range(count):
-        contact, nearby = out[i], False
-        if not FIRST_KEY <= contact.key < creases:
-            for k in range(count):
-                if FIRST_KEY <= out[k].key < creases and dot(out[k].normal, contact.normal) > _ONE_WAY:
-                    along = minus(out[k].arm_m, contact.arm_m)
-                    nearby = nearby or dot(along, along) < near_m**2
-        if not nearby:
-            if i != remaining:
-                out[remaining] = contact
-            remaining += 1
-    return remaining
-
-
-@inner
-def _farthest(on: Facets, part: int, feature: int, role: int, n: Any, placed: Any) -> tuple[Vector, bool]:
-    """Place of a part that is farthest against a normal, and whether it lies on a crease."""
+def _farthest(on: Facets, part: int, feature: int, role: int, n: Any, placed: Any) -> Vector:
+    """Place of a part that is farthest against a normal."""
     pose, turn = placed
-    _look_along(on, turn, n)
-    patch, on_crease = follow(on.surface, on.lowest[part, feature, role])
+    up = turned_back(turn, n)
+    for i in range(3):
+        on.surface.down[i] = -up[i]
+    patch = follow(on.surface, on.lowest[part, feature, role])
     on.lowest[part, feature, role] = patch
-    return plus(pose, 1.0, turned(turn, placed_on(on.surface, patch))), on_crease
+    return plus(pose, 1.0, turned(turn, placed_on(on.surface, patch)))
 
 
 @inner
@@ -195,42 +163,12 @@ def _meet_facet(
     """Add the contact of a part with a facet, if there is one."""
     on, ground = bodies
     n = (on.normals[facet, 0], on.normals[facet, 1], on.normals[facet, 2])
-    place, on_crease = _farthest(on, part, facet, 0, n, placed)
+    place = _farthest(on, part, facet, 0, n, placed)
     gap = dot(n, minus(place, on.places[facet]))
     on.apart_m[part, facet] = on.lengths_m[0] + abs(gap)
-    if on_crease or abs(gap) >= margin_m or not _lies_over(on, ground, facet, place):
+    if abs(gap) >= margin_m or not _lies_over(on, ground, facet, place):
         return count
     return add(out, count, FIRST_KEY + part * len(on.normals) + facet, gap, n, place, placed[0])
-
-
-@inner
-def _look_along(on: Facets, turn: Array, n: Any) -> None:
-    """Set the direction in which the rock's surface is to be farthest: against a normal."""
-    up = turned_back(turn, n)
-    for i in range(3):
-        on.surface.down[i] = -up[i]
-
-
-@inner
-def _meet_creases(bodies: Any, facet: int, placed: Any, margin_m: float, out: Any, count: int) -> int:
-    """Add the contacts of creases with a facet, and note how far the nearest is from its plane."""
-    (on, ground), (pose, turn) = bodies, placed
-    n = (on.normals[facet, 0], on.normals[facet, 1], on.normals[facet, 2])
-    surface, key = on.surface, FIRST_KEY + len(on.apart_m) * len(on.normals) + facet * len(on.surface.creases)
-    _look_along(on, turn, n)
-    over, least = dot(n, minus(pose, on.places[facet])), np.inf
-    for k in range(len(surface.creases)):
-        patch = surface.creases[k, 0]
-        within = lowest_within(surface, patch, surface.creases[k, 1])
-        place = placed_on(surface, patch)
-        gap = over - dot(surface.down, place)
-        least = min(least, abs(gap))
-        if within and abs(gap) < margin_m:
-            place = plus(pose, 1.0, turned(turn, place))
-            if _lies_over(on, ground, facet, place):
-                count = add(out, count, key + k, gap, n, place, pose)
-    on.creases_apart_m[facet] = on.lengths_m[0] + least
-    return count
 
 
 @inner
@@ -271,17 +209,17 @@ def _meet_edge(on: Facets, part: int, edge: int, placed: Any, margin_m: float, o
     on.apart_m[part, feature] = on.lengths_m[0] + max(apart_m, 0.0)
     if apart_m >= margin_m:
         return count
-    place, _, low = _missed(on, part, edge, 1, 0.0, placed)
+    place, low = _missed(on, part, edge, 1, 0.0, placed)
     if low <= 0.0:
         return count
-    place, _, high = _missed(on, part, edge, 2, most, placed)
+    place, high = _missed(on, part, edge, 2, most, placed)
     if high >= 0.0:
         return count
-    near, far, angle, on_crease = 0.0, most, on.angles[part, edge], False
+    near, far, angle = 0.0, most, on.angles[part, edge]
     if not near < angle < far:
         angle = far * low / (low - high)
     for _ in range(_ROUNDS):
-        place, on_crease, miss = _missed(on, part, edge, 0, angle, placed)
+        place, miss = _missed(on, part, edge, 0, angle, placed)
         if abs(miss) < _CENTRED * on.lengths_m[1] or far - near < 1e-12:
             break
         # False position, in which an end that stays counts half from then on (Dowell and Jarratt 1971).
@@ -293,7 +231,7 @@ def _meet_edge(on: Facets, part: int, edge: int, placed: Any, margin_m: float, o
     on.angles[part, edge] = angle
     n, along = _between(on, edge, angle), on.ways[edge]
     gap, share = dot(n, minus(place, start)), dot(along, minus(place, start)) / dot(along, along)
-    if on_crease or abs(gap) >= margin_m or not -_BESIDE <= share <= 1.0 + _BESIDE:
+    if abs(gap) >= margin_m or not -_BESIDE <= share <= 1.0 + _BESIDE:
         return count
     return add(out, count, FIRST_KEY + part * len(on.normals) + feature, gap, n, place, placed[0])
 
@@ -309,7 +247,7 @@ def _apart_from_edge(on: Facets, part: int, edge: int, placed: Any) -> float:
     if size == 0.0:
         return 0.0
     up = (up[0] / size, up[1] / size, up[2] / size)
-    place, _ = _farthest(on, part, feature, 3, up, placed)
+    place = _farthest(on, part, feature, 3, up, placed)
     return dot(up, minus(place, nearest))
 
 
@@ -322,10 +260,8 @@ def _between(on: Facets, edge: int, angle: float) -> Vector:
 
 
 @inner
-def _missed(
-    on: Facets, part: int, edge: int, role: int, angle: float, placed: Any
-) -> tuple[Vector, bool, float]:
-    """Place farthest against a normal at an edge, whether on a crease, and how far it lies from the edge across it."""
+def _missed(on: Facets, part: int, edge: int, role: int, angle: float, placed: Any) -> tuple[Vector, float]:
+    """Place farthest against a normal at an edge, and how far it lies from the edge across it."""
     feature = edge + len(on.normals) - len(on.ways)
-    place, on_crease = _farthest(on, part, feature, role, _between(on, edge, angle), placed)
-    return place, on_crease, dot(_between(on, edge, angle + 0.5 * math.pi), minus(place, on.places[feature]))
+    place = _farthest(on, part, feature, role, _between(on, edge, angle), placed)
+    return place, dot(_between(on, edge, angle + 0.5 * math.pi), minus(place, on.places[feature]))

@@ -1,7 +1,8 @@
 """Contacts of a rock with a rounded base with the plane z = 0: the lowest place of each smooth part, and points.
 
-A part touches with one place, which moves over it as the rock rolls: where its patches (:mod:`models.rounded.patches`)
-are lowest. It is looked for from the patch that was lowest last, from neighbour to neighbour. Compiled.
+A part touches with one place, which moves over it and along its border as the rock rolls: where its patches
+(:mod:`models.rounded.smooth_mesh`) are lowest. It is looked for from the patch that was lowest last, from neighbour to
+neighbour. Compiled.
 """
 
 from __future__ import annotations
@@ -10,16 +11,25 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from toppling.models.compiled import Array, Flags, Indices, Vector, inner
+from toppling.models.compiled import Array, Indices, Vector, inner
 from toppling.models.ground.pairs import moved_m
-from toppling.models.ground.rigid import dot, plus, rotation_of, turned
-from toppling.models.rounded.base import SINGULAR, Patches
+from toppling.models.ground.rigid import dot, minus, plus, rotation_of, turned
+from toppling.models.rounded.smooth_mesh import SINGULAR, Patches
 
 _MOST_PATCHES = 200
 """Maximum number of patches that the search for the lowest place crosses."""
 
 _LOWER_SHARE = 1e-13
 """Difference in height, over the distance from the centre of mass, below which a neighbour is as low."""
+
+FIRST_KEY = 4 << 60
+"""First key of the contacts of smooth parts; on facets by part, facets and then edges."""
+
+_ONE_WAY = 1.0 - 1e-6
+"""Cosine between normals of one facet, and of no other."""
+
+_ONE_PLACE = 0.005
+"""Distance from the contact of a part, over that of the farthest vertex, within which vertices belong to its rim."""
 
 
 class RollingSurface(NamedTuple):
@@ -28,22 +38,20 @@ class RollingSurface(NamedTuple):
     corners: Array  # (k, 3, 3)
     bulges: Array  # (k, 3, 3)
     neighbours: Indices  # (k, 3), -1 where the part ends
-    sharp: Flags  # (k, 3): ends in a crease
     vertices: Indices  # (k, 3)
     first: Indices  # patches around vertex i: around[first[i]:first[i + 1]]
     around: Indices
     points: Array  # (p, 3)
-    creases: Indices  # (c, 2): patch, edge
     lowest: Indices  # (r,): patch that was lowest last, of each part
     fractions: Array  # (3,): where a patch is lowest
     down: Array  # (3,): of the plane, body axes
-    seen: Array  # (9,): pose in which creases and points were looked at, their least gap, and their farthest point
+    seen: Array  # (9,): pose in which points were looked at, their least gap, and their farthest point
 
 
 NO_ROLLING = RollingSurface(
-    np.zeros((0, 3, 3)), np.zeros((0, 3, 3)), np.zeros((0, 3), np.int64), np.zeros((0, 3), bool),
-    np.zeros((0, 3), np.int64), np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3)),
-    np.zeros((0, 2), np.int64), np.zeros(0, np.int64), np.zeros(3), np.zeros(3), np.zeros(9),
+    np.zeros((0, 3, 3)), np.zeros((0, 3, 3)), np.zeros((0, 3), np.int64), np.zeros((0, 3), np.int64),
+    np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0, np.int64), np.zeros(3), np.zeros(3),
+    np.zeros(9),
 )  # fmt: skip
 """Rolling surface of a rock that has none."""
 
@@ -51,11 +59,10 @@ NO_ROLLING = RollingSurface(
 def rolling_surface(patches: Patches, com_m: Array, scene_from_body: Array) -> RollingSurface:
     """Patches of a rock as compiled code reads them."""
     body_m = (patches.vertices_m - com_m) @ scene_from_body
-    creases = np.ascontiguousarray(np.argwhere(patches.sharp))
     farthest_m = float(np.linalg.norm(body_m, axis=1).max())
     return RollingSurface(
-        body_m[patches.corners], patches.bulges_m @ scene_from_body, patches.neighbours, patches.sharp, patches.corners,
-        *patches.around, body_m[patches.points], creases, patches.parts.copy(), np.zeros(3), np.zeros(3),
+        body_m[patches.corners], patches.bulges_m @ scene_from_body, patches.neighbours, patches.corners,
+        *patches.around, body_m[patches.points], patches.parts.copy(), np.zeros(3), np.zeros(3),
         np.append(np.zeros(8), farthest_m),
     )  # fmt: skip
 
@@ -68,30 +75,43 @@ def rolling_contacts(rock: RollingSurface, pose: Array, margin_m: float, turn: A
         rock.down[k] = -turn[2, k]
     count = 0
     for part in range(len(rock.lowest)):
-        rock.lowest[part], on_crease = follow(rock, rock.lowest[part])
-        if not on_crease:
-            place = placed_on(rock, rock.lowest[part])
-            count = _add(out, count, part, plus(pose, 1.0, turned(turn, place)), margin_m, pose)
+        rock.lowest[part] = follow(rock, rock.lowest[part])
+        place = placed_on(rock, rock.lowest[part])
+        count = _add(out, count, FIRST_KEY + part, plus(pose, 1.0, turned(turn, place)), margin_m, pose)
     if moved_m(rock.seen, pose, rock.seen[8]) + margin_m < rock.seen[7]:
         return count
     for k in range(7):
         rock.seen[k] = pose[k]
     rock.seen[7] = np.inf
-    key = len(rock.lowest)
-    for k in range(len(rock.creases)):
-        patch, edge = rock.creases[k, 0], rock.creases[k, 1]
-        if lowest_within(rock, patch, edge):
-            place = plus(pose, 1.0, turned(turn, placed_on(rock, patch)))
-            rock.seen[7] = min(rock.seen[7], place[2])
-            count = _add(out, count, key + k, place, margin_m, pose)
-    key += len(rock.creases)
     for k in range(len(rock.points)):
         point = rock.points[k]
         gap = pose[2] - dot(rock.down, point)
         rock.seen[7] = min(rock.seen[7], gap)
         if gap < margin_m:
-            count = _add(out, count, key + k, plus(pose, 1.0, turned(turn, point)), margin_m, pose)
-    return count
+            count = _add(out, count, k, plus(pose, 1.0, turned(turn, point)), margin_m, pose)
+    return without_rims_of_what_touches(rock.seen[8], out, count)
+
+
+@inner
+def without_rims_of_what_touches(farthest_m: float, out: Any, count: int) -> int:
+    """Leave out contacts beside the place where a smooth part touches: how many are left.
+
+    A convex part touches a plane at one place. Its rim, nearly there, is within what counts as touching before the rock
+    has rolled to it, and would hold the rock as if it had.
+    """
+    near_m, remaining = _ONE_PLACE * farthest_m, 0
+    for i in range(count):
+        contact, nearby = out[i], False
+        if contact.key < FIRST_KEY:
+            for k in range(count):
+                if out[k].key >= FIRST_KEY and dot(out[k].normal, contact.normal) > _ONE_WAY:
+                    along = minus(out[k].arm_m, contact.arm_m)
+                    nearby = nearby or dot(along, along) < near_m**2
+        if not nearby:
+            if i != remaining:
+                out[remaining] = contact
+            remaining += 1
+    return remaining
 
 
 @inner
@@ -121,8 +141,8 @@ def placed_on(rock: RollingSurface, patch: int) -> Vector:
 
 
 @inner
-def follow(rock: RollingSurface, patch: int) -> tuple[int, bool]:
-    """Find the patch that is lowest, from one of its part, and the shares there; whether that is on a crease."""
+def follow(rock: RollingSurface, patch: int) -> int:
+    """Find the patch that is lowest, from one of its part, and the shares there."""
     far = 0.0
     for _ in range(_MOST_PATCHES):
         far = _lowest(rock, patch)
@@ -146,15 +166,12 @@ def follow(rock: RollingSurface, patch: int) -> tuple[int, bool]:
         if better < 0:
             break
         patch = better
-    on_crease = False
-    for k in range(3):
-        on_crease = on_crease or (rock.sharp[patch, k] and rock.fractions[(k + 2) % 3] == 0.0)
-    return patch, on_crease
+    return patch
 
 
 @inner
 def _lowest(rock: RollingSurface, patch: int) -> float:
-    """How far down a patch reaches from the centre of mass, and the shares there, as `patches.highest` finds them."""
+    """How far down a patch reaches from the centre of mass, and the shares there."""
     d, s, corners, bulges = rock.down, rock.fractions, rock.corners[patch], rock.bulges[patch]
     p, q, r = dot(d, corners[0]), dot(d, corners[1]), dot(d, corners[2])
     m, n, o = dot(d, bulges[0]), dot(d, bulges[1]), dot(d, bulges[2])
@@ -186,14 +203,3 @@ def _edge(start: float, end: float, bulge: float) -> tuple[float, float]:
     if bulge > 0.0:
         share = min(max((end - start + bulge) / (2.0 * bulge), 0.0), 1.0)
     return share, start + share * (end - start) + share * (1.0 - share) * bulge
-
-
-@inner
-def lowest_within(rock: RollingSurface, patch: int, edge: int) -> bool:
-    """Whether an edge is lowest between its ends, which are points; the shares of the corners there."""
-    after = (edge + 1) % 3
-    start, end = dot(rock.down, rock.corners[patch, edge]), dot(rock.down, rock.corners[patch, after])
-    share, _ = _edge(start, end, dot(rock.down, rock.bulges[patch, edge]))
-    rock.fractions[0] = rock.fractions[1] = rock.fractions[2] = 0.0
-    rock.fractions[edge], rock.fractions[after] = 1.0 - share, share
-    return 0.0 < share < 1.0

@@ -1,3 +1,3 @@
-"""Rounded bases: the smooth surface that a mesh stands for, what topples a rock on it, and what is stated of it."""
+"""Rounded bases: the smooth surface that a mesh stands for, and what is stated of it."""
 
-__all__ = ["base"]
+__all__ = ["base", "smooth_mesh"]

@@ -1,4 +1,4 @@
-"""Meshes of rounded bases: the smooth surface that their triangles stand for.
+"""Meshes of rounded bases: the smooth surface that their triangles stand for, as quadratic patches.
 
 Each edge between two faces of a smooth part has a middle on the circle that its ends' normals give, which are weighted
 as Max (1999) does: both are exact on spheres. Creases stay creases; one that is a smooth curve has its middles on the
@@ -11,8 +11,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from toppling.models.arrays import Array, Flags, Indices
+from toppling.models.caching import cached
 from toppling.models.rock import Rock
 from toppling.models.shapes import joined_parts
 from toppling.models.support import TOPPLED_TILT_DEG
@@ -40,6 +42,16 @@ FALLEN_DEG = 75.0
 
 _CONCAVE_SHARE = 0.05
 """Maximum share of concave angles between faces of a rounded part; with more, the part is rough."""
+
+
+_LARGEST_TURN_DEG = 4.0
+"""Patches that turn by more from one to the next are halved."""
+
+_MOST_PATCH_FACES = 20_000
+"""Finer meshes are not made: they cost time of preparing, and none of a shake."""
+
+SINGULAR = 1e-9
+"""Share of its size to which the determinant of a patch's curvature vanishes: it is curved in one direction only."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -299,3 +311,82 @@ def _split(faces: Indices, middles: Indices) -> tuple[Indices, Indices]:
             new.append(np.column_stack(part)[chosen])
             parents.append(chosen)
     return np.vstack(new), np.concatenate(parents)
+
+
+@dataclass(frozen=True, eq=False)
+class Patches:
+    """The surface of a rock with a rounded base: patches, and the points that can touch a plane beside them.
+
+    vertices_m: (n, 3), of the mesh, as many as the patches need.
+    corners: (k, 3) int, vertices of each patch.
+    bulges_m: (k, 3, 3), four times the way from the middle of the chord of edge k, from corner k to the next, to that
+    of its curve.
+    neighbours: (k, 3) int, patch across each edge; -1 where the rounded part ends.
+    points: (p,) int, vertices that can touch a plane and lie within no rounded part.
+    """
+
+    vertices_m: Array
+    corners: Indices
+    bulges_m: Array
+    neighbours: Indices
+    points: Indices
+
+    @cached_property
+    def around(self) -> tuple[Indices, Indices]:
+        """Patches around vertices: those of vertex i are second[first[i]:first[i + 1]]."""
+        owner = self.corners.ravel()
+        order = np.argsort(owner, kind="stable")
+        return np.searchsorted(owner[order], np.arange(len(self.vertices_m) + 1)), order // 3
+
+    @cached_property
+    def parts(self) -> Indices:
+        """One patch (r,) of each rounded part."""
+        patch, edge = np.nonzero(self.neighbours >= 0)
+        part = joined_parts(np.column_stack([patch, self.neighbours[patch, edge]]), len(self.corners))
+        return np.unique(part, return_index=True)[1]
+
+
+@cached
+def patches_of(rock: Rock) -> Patches | None:
+    """The patches of a rock's rounded base; None where nothing of it is rounded."""
+    mesh = smooth_mesh_of(rock)
+    return None if mesh is None else _patches_of_mesh(mesh)
+
+
+@cached
+def smooth_mesh_of(rock: Rock) -> SmoothMesh | None:
+    """A rock's mesh with its rounded parts as fine as their patches need; None where nothing of it is rounded."""
+    mesh = SmoothMesh.of(rock).doubly_curved()
+    if not mesh.rounded.any():
+        return None
+    while mesh.largest_turn_deg > _LARGEST_TURN_DEG and mesh.faces_when_halved <= _MOST_PATCH_FACES:
+        mesh = mesh.halved()
+    return mesh
+
+
+def _patches_of_mesh(mesh: SmoothMesh) -> Patches:
+    """Patches of a mesh's rounded parts, and the corners of its hull that lie within none of them."""
+    middles, _, crease = mesh.middles()
+    ends, sides = mesh.edges
+    rounded = np.flatnonzero(mesh.rounded)
+    number = np.full(len(mesh.faces), -1)
+    number[rounded] = np.arange(len(rounded))
+    edge_of, corners = mesh.edge_of[rounded], mesh.faces[rounded]
+    other = np.where(sides[edge_of, 0] == rounded[:, None], sides[edge_of, 1], sides[edge_of, 0])
+    neighbour = np.where(crease[edge_of], -1, number[other])
+    touching = np.union1d(_low_corners(mesh.vertices_m), corners)
+    chord = 0.5 * mesh.vertices_m[ends].sum(axis=1)
+    return Patches(
+        mesh.vertices_m,
+        corners,
+        4.0 * (middles - chord)[edge_of],
+        neighbour,
+        touching[~mesh.inner[touching]],  # with a point of the smooth surface its patches touch
+    )
+
+
+def _low_corners(points_m: Array) -> Indices:
+    """Points of the convex hull that are lowest when the body is tilted by so much that it has fallen, or less."""
+    hull = ConvexHull(points_m)
+    low = hull.equations[:, 2] < -np.cos(np.radians(FALLEN_DEG))
+    return np.union1d(hull.simplices[low].ravel(), points_m[:, 2].argmin())

@@ -94,7 +94,7 @@ class CheckedSteps:
         begin = sim.counts[1]
         since = int(take_steps(sim, block, watch))
         # A smooth base or dome touches elsewhere than the hull of its triangles.
-        if not self._problem.rolls and sim.counts[1] > begin:
+        if not self._problem.scene.rolls and sim.counts[1] > begin:
             self._repeat(sim, begin, sim.counts[1])
         return since
 

@@ -91,12 +91,11 @@ def affordable(campaign: Campaign, rows: pa.Table, folder: Path) -> tuple[list[_
         finer = PRESETS[campaign.preset].step_share / PRESETS[auditor.preset].step_share
         spent_s[auditor] = repeated_s.sum()
         cost_s[auditor] = repeated_s.mean() if len(repeated_s) else wall_s.mean() * max(finer, 1.0)
-    able.sort(key=lambda auditor: cost_s[auditor])
-    while able:
-        count = int(left_s / max(sum(cost_s[auditor] for auditor in able), 1e-9))
+    for chosen in filter(None, (able, *([auditor] for auditor in able))):  # all, else first the reference
+        left_out_s = sum(spent_s[auditor] for auditor in able if auditor not in chosen)
+        count = int((left_s - left_out_s) / max(sum(cost_s[auditor] for auditor in chosen), 1e-9))
         if count >= run_integrity.LEAST_JOBS:
-            return able, count
-        left_s -= spent_s[able.pop()]
+            return chosen, count
     return [], 0
 
 

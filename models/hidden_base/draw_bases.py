@@ -48,6 +48,8 @@ they are too few still, the pulls count less."""
 LEVEL = 0.9
 """Probability of the stated intervals."""
 AZIMUTHS_DEG = np.arange(0.0, 360.0, 15.0)
+MOST_M_S2 = 100.0
+"""Largest acceleration that is told, twice that of any record: none topples a slab down a slope."""
 _FITTING_SHARE = 1.0 / 3.0
 """Least share of draws over a surface whose base fits it: friction acts on contacts that three points do not have."""
 
@@ -187,7 +189,8 @@ def _distinct_paths(selected: list[Candidate], statics: DrawStatics) -> list[tup
     for gap, com_m in selected:
         if (key := (id(gap), com_m.tobytes())) not in once:
             feet = statics.few_feet(gap, com_m)
-            once[key] = (*statics.path_m_s2(gap, com_m, tuple(AZIMUTHS_DEG), feet), feet)
+            path_m_s2 = statics.path_m_s2(gap, com_m, tuple(AZIMUTHS_DEG), feet)
+            once[key] = (*np.minimum(path_m_s2, MOST_M_S2), feet)
     return [once[id(gap), com_m.tobytes()] for gap, com_m in selected]
 
 

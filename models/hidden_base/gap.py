@@ -11,7 +11,7 @@ from scipy.linalg import block_diag, cho_factor, cho_solve, cholesky
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 from scipy.spatial.distance import cdist
 
-from toppling.models.arrays import Array, Flags, Indices
+from toppling.models.arrays import Array, Flags, Indices, at_most
 from toppling.models.hidden_base.near_interface import DRAWN, SIDE_TANGENT, NearInterface, UnseenSide
 from toppling.models.scan.crevice import Grid, check_seen, smooth_sheet
 from toppling.models.scan.directions import SECTORS, sectors
@@ -414,7 +414,10 @@ class Underside:
         low, lit, height_m = near.low, near.lit, near.height_m
         check_seen(len(low), "rock", given=hint is not None)
         lattice_m = 0.0 if interface is None else interface.lattice_m
-        cell = max(height_m / CELLS_PER_HEIGHT, float(np.ptp(low[:, :2], axis=0).max()) / _MOST_CELLS_ACROSS)
+        # Half as wide as points lie apart at least: finer cells are holes.
+        apart_m = float(np.median(cKDTree(low).query(at_most(low, 5000), 5)[0][:, 4]))
+        across_m = float(np.ptp(low[:, :2], axis=0).max())
+        cell = max(height_m / CELLS_PER_HEIGHT, 0.5 * apart_m, across_m / _MOST_CELLS_ACROSS)
         if lattice_m and cell > height_m / CELLS_PER_HEIGHT:
             cell = lattice_m / max(1, round(lattice_m / cell))
         first, last = low[:, :2].min(axis=0) - 6 * cell, low[:, :2].max(axis=0) + 6 * cell

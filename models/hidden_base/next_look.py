@@ -29,10 +29,7 @@ def observations(drawn: DrawnBases, interface: Interface) -> list[dict[str, Any]
     list of dict
         `kind` (`look`, `pull`), `from_deg` and `to_deg` (azimuths; of a pull the same), `width`.
     """
-    # What holds any acceleration counts as the largest that is known.
-    toppling = np.minimum(
-        drawn.toppling_m_s2, drawn.toppling_m_s2[np.isfinite(drawn.toppling_m_s2)].max(initial=0.0)
-    )
+    toppling = drawn.toppling_m_s2
     found: list[dict[str, Any]] = []
     for column, azimuth in enumerate(AZIMUTHS_DEG):
         ratios = toppling[:, [column]] / STANDARD_GRAVITY_M_S2

@@ -70,7 +70,7 @@ class Candidate:
     rock: Flags
     concave_share: float  # of the edges that are cut
     cost: float  # of the cut, over the root of the number of surfels: short and creased is cheap
-    loop_m: Array  # (k, 3): middles of the edges that are cut
+    loop_m: Array  # (k, 3): the patches beyond the edges that are cut, of what it stands on
     rivals: tuple["Candidate", ...] = ()  # cuts of like cost that leave much less or much more
 
     def shared(self, other: "Candidate") -> float:
@@ -80,6 +80,10 @@ class Candidate:
         nearest = cKDTree(other.surfels.points_m).query(self.surfels.points_m)[1]
         there = other.rock[nearest]
         return float((self.rock & there).sum() / max((self.rock | there).sum(), 1))
+
+    def share_around(self, places_m: Array) -> Array:
+        """Share (k,) of the patches about each place that are its own."""
+        return np.asarray(self.rock[cKDTree(self.surfels.points_m).query(places_m, 8)[1]].mean(axis=1))
 
 
 def surfels_of(points_m: Array, finest_m: float = 0.0) -> Surfels:
@@ -122,16 +126,21 @@ def find_candidates(points_m: Array, coarse: Surfels) -> list[Candidate]:
             found.append(candidate)
         elif candidate in on_planes and _is_upper(candidate, found[own]):
             found[own] = candidate
-        elif (
-            found[own] not in on_planes
-            and candidate.cost < _LIKE_COST * found[own].cost
-            and candidate.shared(found[own]) < _OTHER_SHARE
-        ):
-            found[own] = replace(found[own], rivals=(*found[own].rivals, candidate))
+        elif found[own] not in on_planes:
+            found[own] = _with_rivals(found[own], [candidate])
     found.sort(key=lambda candidate: -candidate.height_m)
     large = [cut for cut in found[:_ZOOMED] if cut.height_m > _ZOOMED_SHARE * found[0].height_m]
     seen = [*(_seen_near_by(points_m, candidate) for candidate in large), *found[len(large) :]]
     return sorted(seen, key=lambda candidate: -candidate.height_m)
+
+
+def _with_rivals(thing: Candidate, cuts: list[Candidate]) -> Candidate:
+    """A thing with those of some cuts that cost like it and leave much less or much more than it and each other."""
+    for cut in cuts:
+        apart = all(cut.shared(other) < _OTHER_SHARE for other in (thing, *thing.rivals))
+        if cut.cost < _LIKE_COST * thing.cost and apart:
+            thing = replace(thing, rivals=(*thing.rivals, cut))
+    return thing
 
 
 def _is_upper(thing: Candidate, other: Candidate) -> bool:
@@ -167,16 +176,19 @@ def _seen_near_by(points_m: Array, coarse: Candidate) -> Candidate:
         peak = int(np.argmax(np.where(near, surfels.points_m[:, 2], -np.inf)))
         rim = np.hypot(*(surfels.points_m[:, :2] - axis).T) > reach - 3.0 * surfels.voxel_m
         rim |= surfels.points_m[:, 2] < rock[:, 2].min() - _BESIDE_HEIGHTS * height + 3.0 * surfels.voxel_m
+        # The thing itself, but for where its line runs: about where it was seen from afar.
+        own, away_m = coarse.share_around(surfels.points_m), cKDTree(coarse.loop_m).query(surfels.points_m)[0]
+        own[away_m < 3.0 * coarse.surfels.voxel_m] = 0.5
+        finer = cut_between(surfels, edges, own == 1.0, (own == 0.0) | rim, peak)
         tried = [_cut_at(surfels, edges, peak, share * height, rim) for share in _TRIED_HEIGHTS]
-        cuts = [cut for cut in tried if cut is not None and _closes(cut)]
-        finer = max(cuts, key=lambda cut: cut.shared(coarse), default=None)
-        if finer is not None and finer.shared(coarse) < _SAME_SHARE:
+        closed = [cut for cut in tried if cut is not None and _closes(cut)]
+        least = min(closed, key=lambda cut: cut.cost, default=None)
+        if least is not None and least.shared(coarse) < _SAME_SHARE:
             # Another thing, such as a rock that wide patches joined with the wall beside it: the cheaper cut counts.
-            finer = min(cuts, key=lambda cut: cut.cost)
-            finer = finer if _LIKE_COST * finer.cost < coarse.cost else None
+            finer = least if _LIKE_COST * least.cost < coarse.cost else finer
         if finer is None:
             break
-        coarse = replace(finer, rivals=coarse.rivals)
+        coarse = _with_rivals(replace(finer, rivals=coarse.rivals), closed)
     return coarse
 
 
@@ -252,9 +264,9 @@ def cut_between(
     if rock.sum() < LEAST_SURFELS or np.median(surfels.roughness[rock]) > _SURFACE_ROUGHNESS:
         return None
     points = surfels.points_m
-    cut = rock[edges[:, 0]] != rock[edges[:, 1]]
-    loop_m = points[edges[cut]].mean(axis=1)
-    cost = float(_capacity(surfels, edges[cut]).sum() / (_OF_A_BULGE * np.sqrt(rock.sum())))
+    cut = edges[rock[edges[:, 0]] != rock[edges[:, 1]]]
+    loop_m = points[np.where(rock[cut[:, 0]], cut[:, 1], cut[:, 0])]
+    cost = float(_capacity(surfels, cut).sum() / (_OF_A_BULGE * np.sqrt(rock.sum())))
     return Candidate(float(np.ptp(points[rock, 2])), points[peak], surfels, rock, share, cost, loop_m)
 
 

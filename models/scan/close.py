@@ -122,8 +122,11 @@ def close_rock(surfels: Surfels, rock: Flags, base: Base, interface: Interface) 
     above &= _together(flat, 3.0 * surfels.voxel_m)
     flat, flat_normals = flat[above], flat_normals[above]
     closes = base.hidden if base.passage is None else base.hidden & ~base.passage
-    within = base.grid.nodes_m[closes]
-    sunk = np.column_stack([within, base.height_m[closes] - surfels.voxel_m]) + interface.rise(within)
+    # As dense as the patches: the level at which the surface lies is the mean over all points.
+    every = (slice(None, None, max(1, round(surfels.voxel_m / base.grid.cell_m))),) * 2
+    within = base.grid.nodes_m[every][closes[every]]
+    sunk = np.column_stack([within, base.height_m[every][closes[every]] - surfels.voxel_m])
+    sunk += interface.rise(within)
     down = np.tile([0.0, 0.0, -1.0], (len(sunk), 1))
     height = float(np.ptp(flat[:, 2]))
     unseen, outward = np.zeros((0, 3)), np.zeros((0, 3))

@@ -1,9 +1,7 @@
 """The crevice at full resolution: which points below the rock are pedestal, and where neither side was seen.
 
-A scanner that looks under a rock sees the pedestal through the crevice long before it sees the rock's
-underside.
-The pedestal is therefore followed as one smooth sheet from outside to under the rock; what lies on the
-sheet is
+A scanner that looks under a rock sees the pedestal through the crevice long before it sees the rock's underside.
+The pedestal is therefore followed as one smooth sheet from outside to under the rock; what lies on the sheet is
 pedestal, what hangs above it is rock, and the rock can touch it only where the sheet was not seen.
 """
 
@@ -23,7 +21,7 @@ from toppling.models.scan.interface import Interface
 from toppling.models.scan.segment import PEDESTAL, ROCK
 from toppling.models.scan.surfels import voxels
 
-_CELLS_PER_HEIGHT = 120
+_CELLS_PER_PATCH = 1.2
 _BAND_PER_HEIGHT = 0.08
 """Height over the interface plane up to which points are judged anew."""
 _RELIEFS, _RELIEF_PER_HEIGHT = 3.0, 0.001
@@ -111,13 +109,13 @@ def judge_crevice(
     label: NDArray[np.int8],
     interface: Interface,
     height_m: float,
+    voxel_m: float,
     *,
     given: bool = False,
 ) -> NDArray[np.int8]:
     """Judge the labels near the interface anew, by the pedestal's sheet.
 
-    Where a belly hides the rock's foot, or the pedestal
-    beside it, no crevice was seen and nothing is judged.
+    Where a belly hides the rock's foot, or the pedestal beside it, no crevice was seen and nothing is judged.
 
     Raises InputError if next to nothing of the rock or of the pedestal shows near the interface.
     """
@@ -129,7 +127,7 @@ def judge_crevice(
     lowest, highest = bounds_of(low)
     around = inside_box(points_m, lowest - margin, highest + margin)
     near, near_label = points_m[around], label[around]
-    judged = _relabelled(near, near_label, interface, height_m, given=given)
+    judged = _relabelled(near, near_label, interface, height_m, voxel_m, given=given)
     label = label.copy()
     label[around] = judged
     return label
@@ -164,14 +162,20 @@ def check_seen(points: int, side: str, *, given: bool) -> None:
 
 
 def _relabelled(
-    points_m: Array, label: NDArray[np.int8], interface: Interface, height_m: float, *, given: bool
+    points_m: Array,
+    label: NDArray[np.int8],
+    interface: Interface,
+    height_m: float,
+    voxel_m: float,
+    *,
+    given: bool,
 ) -> NDArray[np.int8]:
     flat = interface.over(points_m)
     rock = flat[label == ROCK]
     low = rock[rock[:, 2] < _BAND_PER_HEIGHT * height_m]
     margin = 0.12 * height_m
     grid = Grid.over(
-        low[:, :2].min(axis=0) - margin, low[:, :2].max(axis=0) + margin, height_m / _CELLS_PER_HEIGHT
+        low[:, :2].min(axis=0) - margin, low[:, :2].max(axis=0) + margin, voxel_m / _CELLS_PER_PATCH
     )
     inside = np.abs(flat[:, 2]) < _BAND_PER_HEIGHT * height_m
     inside &= inside_box(flat[:, :2], grid.first_m, grid.nodes_m[-1, -1])

@@ -40,14 +40,10 @@ _UPRIGHT = 0.7
 """Sine of the dip above which a patch belongs to a side."""
 _SEEN_SHARE = 0.1
 """Share of an average direction's patches with which a direction is seen."""
-_SPARSE = 1.5
-"""Widths of a patch: farther apart, patches show no surface."""
 _UNSEEN_RIM_DEG = 130.0
 """Width from which an unseen range of the rim is a warning: feet that carry a rock lie less than 180 degrees apart."""
 _MEET_VOXELS, _CREASE_DEG = 4.0, 30.0
 """Patches of rock and pedestal so near to each other meet; at less than the angle one surface goes on in the other."""
-_PAIRS = 3
-"""Nearest pairs of patches in a direction that tell whether a crease runs between them."""
 _CREASED_SHARE = 0.5
 """Share of the rim that was seen along which a crease must show."""
 _TOUCHES_ABOVE, _LEAST_TOUCHES = 0.2, 8
@@ -57,8 +53,8 @@ _DIPS_DEG, _ALIKE_DEG = (1.5, 12.0), 1.3
 _EVEN_VOXELS, _EVEN, _OF_LEVELS, _APART_VOXELS = 0.5, 0.75, 0.05, 6.0
 """Distance from its plane of a level that was made, share of its patches so near to it, its share of all level patches,
 and how far over each other two lie, in widths of a patch."""
-_OFF_SURFACE = 0.003
-"""Share of the rock's height by which half of the seen points may lie off the surface: noise is a tenth of it."""
+_OFF_SURFACE = 0.3
+"""Widths of a patch by which half of the seen points may lie off the surface: noise is a tenth of it."""
 _SAMPLE = 20_000
 """Points that tell how far they lie off the surface."""
 
@@ -85,7 +81,8 @@ def warnings_of(
     Raises
     ------
     InputError
-        If most of the surface was not seen, or the centre of mass lies beside all possible contacts.
+        If most of the surface was not seen, half of the points lie off it, or the centre of mass lies beside all
+        possible contacts.
     """
     check_seen_enough(observed, interface, closed)
     _check_can_stand(closed.rock, interface)
@@ -93,7 +90,7 @@ def warnings_of(
         _contact(observed, interface),
         off_hint(observed, interface, origin_m),
         _off_surface(
-            closed.rock, points_m[at_most(np.flatnonzero(label == ROCK), _SAMPLE)], observed.height_m
+            closed.rock, points_m[at_most(np.flatnonzero(label == ROCK), _SAMPLE)], observed.surfels.voxel_m
         ),
         unseen_rim(observed, interface, closed.rock.com_m),
         tilted_frame(observed.surfels, observed.patches),
@@ -121,30 +118,24 @@ def check_seen_enough(observed: ObservedRock, interface: Interface, closed: Clos
     Raises
     ------
     InputError
-        With the range of directions in which none of its sides shows, or how thin the cloud is.
+        With the range of directions in which none of its sides shows.
     """
     if closed.invented_share <= _MOST_INVENTED:
         return
     blind_deg, toward_deg = unseen_range(observed, interface)
-    code, share = "rock.mostly_unseen", f"{closed.invented_share:.0%} of the rock's surface was not seen"
+    share = f"{closed.invented_share:.0%} of the rock's surface was not seen"
     if blind_deg >= _ONE_SIDE_DEG:
         share = (
             f"one side is not enough: {share}, none of its sides over {blind_deg:.0f} degrees about "
             f"{direction_text(toward_deg)}"
         )
-    elif (apart := observed.patches_apart) > _SPARSE:
-        code = "cloud.too_sparse"
-        share += (
-            f": the cloud has too few points, its patches of {observed.surfels.voxel_m:.2g} m lie {apart:.1f} times "
-            "as far apart as they are wide"
-        )
     raise InputError(
-        code,
+        "rock.mostly_unseen",
         share,
         where="the rock",
         expected=f"a free-standing rock, at most {_MOST_INVENTED:.0%} of it unseen",
-        remedy="scan it from the other sides, and give clouds that were not thinned; a rock that is embedded or buried "
-        "is held by what surrounds it, and no toppling of a free block is its own",
+        remedy="scan it from the other sides; a rock that is embedded or buried is held by what surrounds it, and no "
+        "toppling of a free block is its own",
     )
 
 
@@ -171,9 +162,9 @@ def _creased_share(observed: ObservedRock, interface: Interface) -> float | None
     normals = np.einsum("ij,ij->i", surfels.normals[low][meet], surfels.normals[ground][nearest[meet]])
     angle = np.rad2deg(np.arccos(np.clip(normals, -1.0, 1.0)))
     sector = sectors(flat[low][meet, :2] - middle(flat[low]))
-    order = np.argsort(away[meet], kind="stable")
-    nearest_deg = [np.median(angle[order][sector[order] == k][:_PAIRS]) for k in np.unique(sector)]
-    return float((np.array(nearest_deg) > _CREASE_DEG).mean())
+    # Normals of patches at the very crease are between those of its two sides.
+    median_deg = [np.median(angle[sector == k]) for k in np.unique(sector)]
+    return float((np.array(median_deg) > _CREASE_DEG).mean())
 
 
 def _contact(observed: ObservedRock, interface: Interface) -> ScanWarning | None:
@@ -264,18 +255,27 @@ def tilted_frame(surfels: Surfels, rock: Flags) -> ScanWarning | None:
     )
 
 
-def _off_surface(rock: Rock, seen_m: Array, height_m: float) -> ScanWarning | None:
-    """A warning where the rock's points lie off the surface that was closed about them."""
+def _off_surface(rock: Rock, seen_m: Array, voxel_m: float) -> ScanWarning | None:
+    """A warning where the rock's points lie off the surface closed about them; refused from a patch's width on."""
     scene = scene_of_rays((rock.vertices_m, rock.faces))
     off = scene.compute_distance(o3d.core.Tensor.from_numpy(seen_m.astype(np.float32)), nthreads=1).numpy()
     off_m = float(np.median(off))
-    if off_m < _OFF_SURFACE * height_m:
+    if off_m < _OFF_SURFACE * voxel_m:
         return None
+    what = f"half of the rock's points lie more than {off_m:.2g} m off its closed surface"
+    if off_m > voxel_m:
+        raise InputError(
+            "scan.not_closed",
+            what,
+            where="closing the rock",
+            expected=f"a surface through the points, within the {voxel_m:.2g} m of a patch",
+            remedy="the rock was split from its surroundings where it does not end, or its stations do not fit: say "
+            "where it meets its pedestal by three places --point X,Y,Z, or leave stations out one by one",
+        )
     return ScanWarning(
         "surface",
-        f"half of the rock's points lie more than {off_m:.2g} m off its closed surface: noise, or a surface that was "
-        "seen twice, by stations that do not fit each other or two registrations in one cloud. Register the stations "
-        "anew, or leave one of the two out",
+        f"{what}: noise, or a surface that was seen twice, by stations that do not fit each other or two "
+        "registrations in one cloud. Register the stations anew, or leave one of the two out",
     )
 
 

@@ -54,19 +54,28 @@ def choose(candidates: list[Candidate], near_m: Array | None, origin_m: Array, c
             "the cloud",
         )
     if chosen.rivals:
-        things = [chosen, *chosen.rivals]
-        z = [float(np.median(thing.loop_m[:, 2]) + origin_m[2]) for thing in things]
+        seen = [
+            f"{thing.height_m:.3g} m high above "
+            + " ".join(f"--point {x:.2f},{y:.2f},{z:.2f}" for x, y, z in places)
+            for thing in (chosen, *chosen.rivals)
+            for places in [_three_of(thing.loop_m) + origin_m]
+        ]
         raise InputError(
             "scan.several_creases",
-            "a crease goes around one thing at several heights: as a rock it is "
-            + ", or ".join(
-                f"{thing.height_m:.3g} m high from z {up:.2f} on" for thing, up in zip(things, z, strict=True)
-            ),
+            f"a crease goes around one thing at several heights: as a rock it is {', or '.join(seen)}",
             where="segmentation",
             expected="one crease, or a hint which one parts the rock from its pedestal",
-            remedy="click three places where the two meet with --pick, or name them by --point X,Y,Z",
+            remedy="give the three --point of one of them, as printed here, or click three places where the two meet "
+            "with --pick",
         )
     return chosen
+
+
+def _three_of(loop_m: Array) -> Array:
+    """Three places (3, 3) of a loop (k, 3), a third of a turn apart."""
+    offset = loop_m[:, :2] - loop_m[:, :2].mean(axis=0)
+    turn = np.arctan2(offset[:, 1], offset[:, 0])
+    return loop_m[[np.abs(np.angle(np.exp(1j * (turn - way)))).argmin() for way in np.deg2rad([0, 120, 240])]]
 
 
 def _nothing_stands(coarse: Surfels, origin_m: Array) -> InputError:
@@ -138,8 +147,6 @@ def _tops(candidates: list[Candidate], origin_m: Array) -> str:
 
 
 _SAMPLE = 5_000
-_SPACINGS_PER_HEIGHT = 50
-"""A rock so many times as high as points lie apart is split off and closed; of 30 it is not."""
 _THICK = 0.18
 """Thickness over width of the median patch: noise of 0.01 of the relief makes it 0.13, of 0.015 0.23."""
 _WIDTH_VOXELS = 1.1
@@ -155,19 +162,19 @@ def with_reason(error: InputError, points_m: Array) -> InputError:
     if (of_plane := _without_relief(points_m)) is not None:
         return of_plane
     patches = surfels_of(points_m)
-    return _with(error, _too_noisy(patches) or _too_few(points_m))
-
-
-def _with(error: InputError, hint: tuple[str, str] | None) -> InputError:
-    if hint is None:
+    thick = float(np.median(patches.roughness))
+    if thick < _THICK:
         return error
-    what, remedy = hint
     return InputError(
         error.code,
-        f"{error.what}; {what}",
+        f"{error.what}; the cloud is noisy or rough: its patches of {patches.voxel_m:.2g} m lie about "
+        f"{thick * _WIDTH_VOXELS * patches.voxel_m:.2g} m off the surface through those around them, from noise, "
+        "plants or rubble",
         where=error.where,
         expected=error.expected,
-        remedy=f"{remedy}; else: {error.remedy}",
+        remedy=f"give a cloud with less noise than a {_LEAST_NOISES_PER_HEIGHT}th of the rock's height: scan from "
+        "nearer, average repeated scans, leave out far stations, plants and returns at grazing angles; else: "
+        f"{error.remedy}",
     )
 
 
@@ -193,36 +200,11 @@ def _without_relief(points_m: Array) -> InputError | None:
     )
 
 
-def _too_few(points_m: Array) -> tuple[str, str] | None:
-    every = at_most(points_m, _SAMPLE)
-    spacing_m = float(np.median(cKDTree(points_m).query(every, min(5, len(points_m)))[0][:, -1]))
-    relief_m = float(np.ptp(np.quantile(points_m[:, 2], [0.001, 0.999])))
-    if _SPACINGS_PER_HEIGHT * spacing_m < relief_m:
-        return None
-    return (
-        f"the cloud has few points: they lie about {spacing_m:.2g} m apart, and show rocks of "
-        f"{_SPACINGS_PER_HEIGHT * spacing_m:.2g} m and more",
-        f"give all stations and clouds that were not thinned: points a {_SPACINGS_PER_HEIGHT}th of the rock's height "
-        "apart or nearer",
-    )
-
-
-def _too_noisy(patches: Surfels) -> tuple[str, str] | None:
-    thick = float(np.median(patches.roughness))
-    if thick < _THICK:
-        return None
-    off_m = thick * _WIDTH_VOXELS * patches.voxel_m
-    return (
-        f"the cloud is noisy or rough: its patches of {patches.voxel_m:.2g} m lie about {off_m:.2g} m off the surface "
-        "through those around them, from noise, plants or rubble",
-        f"give a cloud with less noise than a {_LEAST_NOISES_PER_HEIGHT}th of the rock's height: scan from nearer, "
-        "average repeated scans, leave out far stations, plants and returns at grazing angles",
-    )
-
-
 ROCK, PEDESTAL, NEITHER = 0, 1, 2
 
 _FINE_VOXELS_PER_HEIGHT = 100
+_APART_VOXELS = 1.5
+"""Distance of the fourth patch from a place, in their width, from which on they leave gaps: 1.1 where they touch."""
 _CLUTTER_ROUGHNESS = 0.6
 """Median thickness over width above which a neighbourhood is clutter."""
 _SHEET_ROUGHNESS = 0.3
@@ -243,7 +225,7 @@ class Segmentation:
     """Labels of all points and of the surfels around the rock."""
 
     label: NDArray[np.int8]  # (n,): per point: 0 rock, 1 pedestal, 2 neither
-    surfels: Surfels  # around the rock, at a hundredth of its height
+    surfels: Surfels  # around the rock (`patches_around`)
     surfel_label: NDArray[np.int8]  # (k,)
     # list of (x, y, z, height): other things that stand there, metres.
     others: list[tuple[float, float, float, float]]
@@ -265,9 +247,10 @@ def segment(
     if hint is not None:
         return _refine(points_m, coarse, _standing_on(coarse, hint, near_m), [], hint)
     candidates = find_candidates(points_m, coarse)
-    if near_m is not None and not _lies_on(near_m, candidates):
-        # A rock that is small in its cloud shows in patches made around the place alone.
-        coarse, candidates = look_around(points_m, near_m, coarse, candidates)
+    # A rock that is small in its cloud shows in patches made around it alone: where points lie densest, unless named.
+    place_m = np.median(points_m[:, :2], axis=0) if near_m is None and not candidates else near_m
+    if place_m is not None and not _lies_on(place_m, candidates):
+        coarse, candidates = look_around(points_m, place_m, coarse, candidates)
     chosen = choose(candidates, near_m, origin_m, coarse)
     return _refine(points_m, coarse, chosen, [c for c in candidates if c is not chosen])
 
@@ -321,12 +304,19 @@ def _off(code: str, hint: InterfaceHint, what: str, remedy: str) -> InputError:
 
 
 def patches_around(points_m: Array, rock_m: Array, height_m: float) -> tuple[Surfels, Indices, Indices]:
-    """Patches of a hundredth of a rock's height around it, the points that they are of, and the patch of each."""
+    """Patches around a rock, the points that they are of, and the patch of each.
+
+    They are a hundredth of its height wide, or as far apart as its points where these lie farther apart.
+    """
     axis = rock_m[:, :2].mean(axis=0)
     reach = np.hypot(*(rock_m[:, :2] - axis).T).max() + 0.5 * height_m
     around = inside_cylinder(points_m, axis, reach, rock_m[:, 2].min() - 0.7 * height_m)
     voxel = height_m / _FINE_VOXELS_PER_HEIGHT
     thinned, index = thin(points_m[around], voxel)
+    apart_m = float(np.median(cKDTree(thinned).query(rock_m, 4)[0][:, 3]))
+    if apart_m > _APART_VOXELS * voxel:
+        voxel = apart_m
+        thinned, index = thin(points_m[around], voxel)
     return orient(thinned, voxel), around, index
 
 
@@ -342,8 +332,7 @@ def _refine(
     surfels, around, index = patches_around(points_m, rock, chosen.height_m)
     voxel = surfels.voxel_m
     edges = neighbourhood(surfels.points_m, voxel)
-    _, near = cKDTree(chosen.surfels.points_m).query(surfels.points_m, 8)
-    votes = chosen.rock[near].mean(axis=1)
+    votes = chosen.share_around(surfels.points_m)
     if hint is None:
         fine_rock = minimum_cut(surfels, edges, votes == 1.0, votes == 0.0)
     else:

@@ -228,7 +228,9 @@ def thinned(points_m: Array, most: int = SHOWN_POINTS, among: Indices | None = N
     points = points_m[rows]
     voxel = float(np.ptp(points, axis=0).max()) / np.sqrt(most)
     for _ in range(8):
-        first = _first_per_voxel(points, voxel) if len(rows) > most else np.arange(len(rows))
+        first = np.arange(len(rows))
+        if len(rows) > most:
+            first = np.unique(voxels(points, voxel), return_index=True)[1]
         if len(first) <= most and len(first) > _LEAST_SHARE * min(most, len(rows)):
             break
         # A surface's voxels go with the inverse square of their size.
@@ -242,12 +244,6 @@ def _spacing(points_m: Array) -> float:
     some = points_m[:: max(1, len(points_m) // _SPACINGS)]
     neighbour = min(4, len(points_m) - 1)
     return float(np.quantile(cKDTree(points_m).query(some, neighbour + 1)[0][:, -1], _COVERED_SHARE))
-
-
-def _first_per_voxel(points_m: Array, voxel_m: float) -> Indices:
-    cell = np.floor((points_m - points_m.min(axis=0)) / voxel_m).astype(np.int64)
-    size = cell.max(axis=0) + 1
-    return np.unique((cell[:, 0] * size[1] + cell[:, 1]) * size[2] + cell[:, 2], return_index=True)[1]
 
 
 def around(points_m: Array, centre_m: Array, reach_m: float) -> Indices:

@@ -422,7 +422,8 @@ def _classified(cloud: Cloud, parts: Segmentation, hint: InterfaceHint | None) -
         parts = without_ground(cloud.points_m, parts, interface, height)
         rock = parts.surfel_label == ROCK
     if cloud.label is None:
-        label = judge_crevice(cloud.points_m, parts.label, interface, height, given=hint is not None)
+        near_interface = cloud.points_m, parts.label, interface, height, surfels.voxel_m
+        label = judge_crevice(*near_interface, given=hint is not None)
         parts = replace(parts, label=label, surfel_label=label_surfels(surfels, cloud.points_m, label))
         parts = without_ground(cloud.points_m, parts, interface, height)
     label, surfel_label = parts.label, parts.surfel_label

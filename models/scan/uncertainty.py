@@ -1,11 +1,10 @@
 """What was seen of a rock, how slender it is, and how far a scan's numbers may be off."""
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError, cKDTree
+from scipy.spatial import ConvexHull, QhullError
 
 from toppling.models.arrays import Array, Flags
 from toppling.models.errors import InputError
@@ -106,12 +105,6 @@ class ObservedRock:
     patches: Flags  # (k,): which surfels are the rock's
     height_m: float
     hint: InterfaceHint | None  # the interface as the user knows it
-
-    @cached_property
-    def patches_apart(self) -> float:
-        """Median distance of the rock's patches to their fourth neighbours, in their width: 1.1 where they touch."""
-        points = self.surfels.points_m[self.patches]
-        return float(np.median(cKDTree(points).query(points, k=5)[0][:, 4])) / self.surfels.voxel_m
 
     def near(self, interface: Interface) -> NearInterface:
         """What shapes the base over an interface, with the rim below sides that were seen higher up only."""

@@ -193,9 +193,8 @@ def scan_from(
 ) -> Station:
     """Scan a ball of `radius_m` around a target from one position.
 
-    Rays go out on a grid of azimuth and elevation; ranges carry normal noise; at range jumps between
-    neighbouring
-    rays some ranges fall between the two surfaces (mixed pixels).
+    Rays go out on a grid of azimuth and elevation; ranges carry normal noise; at range jumps between neighbouring rays
+    some ranges fall between the two surfaces (mixed pixels).
     """
     aim = target_m - position_m
     distance = float(np.linalg.norm(aim))
@@ -251,8 +250,7 @@ def scan_around(
     resolution_per_height: spacing of the points on the rock, in rock heights.
     noise_per_height: standard deviation of the range, in rock heights.
     clutter: whether a bush stands beside the rock.
-    misregistration_per_height: standard deviation of each station's shift along each axis after registration, in
-    rock heights.
+    misregistration_per_height: standard deviation of each station's shift along each axis, in rock heights.
     """
     rng = np.random.default_rng(seed)
     height = truth.rock.height_m

@@ -31,7 +31,7 @@ def side(low_m, high_m):
 def judged(rock, pedestal, interface, *, given=False):
     points = np.concatenate([rock, pedestal])
     label = np.repeat(np.array([ROCK, PEDESTAL], np.int8), [len(rock), len(pedestal)])
-    return judge_crevice(points, label, interface, HEIGHT_M, given=given)
+    return judge_crevice(points, label, interface, HEIGHT_M, 0.01 * HEIGHT_M, given=given)
 
 
 def test_a_foot_that_lies_on_the_pedestal_as_a_station_that_is_off_shows_it_is_refused():

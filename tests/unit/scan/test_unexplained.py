@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from patches import BLOCK, LEVEL, VOXEL_M, box, ground, seen_of, together, wall
 from refusals import refused
+from scipy.spatial import cKDTree
 
 from toppling.models.errors import InputError
 from toppling.models.frames import plane_normal
 from toppling.models.scan import virtual
-from toppling.models.scan.candidates import Candidate, find_candidates
+from toppling.models.scan.candidates import find_candidates
 from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.interface import fit_interface
 from toppling.models.scan.interface_hint import hint_of
@@ -21,8 +22,8 @@ from toppling.models.scan.scan_warnings import (
     unseen_rim,
     warnings_of,
 )
-from toppling.models.scan.segment import choose, with_reason
-from toppling.models.scan.surfels import Surfels
+from toppling.models.scan.segment import choose, patches_around, with_reason
+from toppling.models.scan.surfels import Surfels, orient, thin
 from toppling.models.scan.survey import survey
 from toppling.models.scan.uncertainty import ObservedRock, check_above
 from toppling.models.scene import Scene
@@ -94,12 +95,12 @@ def test_a_rock_most_of_which_was_not_seen_is_refused(sides, what):
     check_seen_enough(observed, LEVEL, ClosedRock(closed.rock, 0.5, 0.0, 0.5, 0.0))
 
 
-def test_a_cloud_that_was_thinned_too_much_is_named_as_such():
-    points, normals = box((-0.25, -0.25, 0.0), (0.25, 0.25, 1.0))
-    kept = np.random.default_rng(2).random(len(points)) < 0.2
-    closed = ClosedRock(Scene.block(0.25, 0.25, 0.5).rock, 0.3, 0.0, 0.7, 0.0)
-    with refused("cloud.too_sparse"):
-        check_seen_enough(seen_of((points[kept], normals[kept]), ground()), LEVEL, closed)
+def test_patches_are_as_wide_as_the_points_of_a_sparse_cloud_lie_apart():
+    kept = np.random.default_rng(2).random(len(BLOCK[0])) < 0.2
+    surfels, _, _ = patches_around(np.vstack([BLOCK[0][kept], ground()[0]]), BLOCK[0][kept], 1.0)
+    apart_m = cKDTree(surfels.points_m).query(surfels.points_m[surfels.points_m[:, 2] > 0.1], 5)[0][:, 4]
+    assert surfels.voxel_m > 1.5 * VOXEL_M
+    assert np.median(apart_m) < 1.5 * surfels.voxel_m
 
 
 def test_a_rock_whose_weight_lies_beside_its_base_is_refused():
@@ -124,6 +125,8 @@ def test_a_surface_that_was_seen_twice_lies_off_the_one_that_is_closed_about_it(
     closed = ClosedRock(CUBE, 1.0, 0.0, 0.0, 0.0)
     found = warnings_of(observed, LEVEL, closed, points, np.zeros(len(points)), np.zeros(3))
     assert [each.kind for each in found] == (["surface"] if told else [])
+    with refused("scan.not_closed", "0.03"):
+        warnings_of(observed, LEVEL, closed, BLOCK[0] + 0.03 * BLOCK[1], np.zeros(len(points)), np.zeros(3))
 
 
 @pytest.mark.parametrize("strays", [0, 4])
@@ -161,19 +164,17 @@ def stack(half_m):
 
 @pytest.mark.parametrize(("half_m", "height_m"), [(0.6, 1.2), (0.25, 1.7)])
 def test_of_a_stack_the_upper_thing_is_meant_that_a_level_plane_carries(half_m, height_m):
-    """Not on a plinth as wide as itself."""
     surfels = stack(half_m)
     (found, *_) = find_candidates(surfels.points_m, surfels)
     assert found.height_m == pytest.approx(height_m, abs=0.1)
 
 
-def test_of_two_cuts_of_one_thing_that_cost_alike_the_user_is_asked():
-    surfels = stack(0.25)
-    loop = np.zeros((4, 3))
-    upper = Candidate(1.2, np.zeros(3), surfels, surfels.points_m[:, 2] > 0.5, 1.0, 2.0, loop)
-    whole = dataclasses.replace(upper, height_m=1.7, rock=surfels.points_m[:, 2] > 0.03, rivals=(upper,))
-    with refused("scan.several_creases", "--point X,Y,Z"):
-        choose([whole], None, np.zeros(3), surfels)
+@pytest.mark.thorough
+def test_of_a_stack_whose_joint_shows_from_near_by_the_user_is_asked_which_part_is_meant():
+    points, wide_m = stack(0.33).points_m, 3.0 * VOXEL_M
+    surfels = orient(thin(points, wide_m)[0], wide_m)
+    with refused("scan.several_creases", "1.67 m high above --point", "1.19 m high above --point"):
+        choose(find_candidates(points, surfels)[:1], None, np.zeros(3), surfels)
 
 
 @pytest.mark.slow
@@ -271,11 +272,10 @@ def of_a_scene(points, noise_m=0.0):
     )
 
 
-def test_a_refusal_says_also_that_a_cloud_is_sparse_noisy_or_one_plane():
+def test_a_refusal_says_also_that_a_cloud_is_noisy_or_one_plane():
     plane = np.random.default_rng(3).uniform(-4.0, 4.0, (40_000, 3)) * [1.0, 1.0, 0.001]
     plane[:, 2] += 0.4 * plane[:, 1]
     for points, told in (
-        (of_a_scene(3000), "0.17 m apart"),
         (of_a_scene(150_000, 0.05), "noisy"),
         (plane, "22 degrees"),
     ):

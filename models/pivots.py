@@ -86,18 +86,21 @@ def turn_under(arms_m: Array, normals: Array, size_m: float, force_m_s2: Array) 
     return Turn(arms[best], axes[best]) if len(gains) and gains[best] > 0.0 else None
 
 
-def kept_share(turn: Turn, arms_m: Array, normals: Array, size_m: float) -> float:
-    """Largest share of its energy with which a rock that turns goes on: no contact that lands slips or rebounds.
+def carried_on(turn: Turn, arms_m: Array, normals: Array, size_m: float) -> tuple[Turn | None, float]:
+    """The rotation with which a rock that turns goes on, and the share of its energy that it keeps.
 
-    Its radius of gyration is taken as that of a block, R/sqrt(3).
+    No contact that lands slips or rebounds. Its radius of gyration is taken as that of a block, R/sqrt(3).
     """
     places = np.vstack([turn.arm_m, arms_m])
     onward = _that_open(places, np.tile(turn.axis, (len(places), 1)), arms_m, normals, size_m)
     start, axis = map(np.vstack, zip(onward, _axes(arms_m, normals, size_m), strict=True))
     before = np.append(crossed(turn.arm_m, turn.axis), size_m / np.sqrt(3.0) * turn.axis)
     after = np.hstack([crossed(start, axis), size_m / np.sqrt(3.0) * axis])
-    along = np.maximum(after @ before, 0.0) / np.linalg.norm(after, axis=1)
-    return float(along.max(initial=0.0) ** 2 / (before @ before))
+    along = after @ before / np.linalg.norm(after, axis=1)
+    best = int(along.argmax()) if len(along) else 0
+    if not len(along) or along[best] <= 0.0:
+        return None, 0.0
+    return Turn(start[best], axis[best]), float(along[best] ** 2 / (before @ before))
 
 
 def _that_open(

@@ -19,6 +19,8 @@ TOPPLED_TILT_DEG = 45.0
 TOPPLED_FALL = 0.25
 """Fall of the centre of mass beyond which a rock counts as toppled, as a fraction of its height above the support."""
 
+STEEP = 0.5
+"""Upward part of a contact's normal: less, and what is touched stands beside the rock, not below it."""
 
 _ON_A_LINE = 1e-14
 """Area of a triangle, relative to the squares of its sides, below which it is degenerate."""

@@ -13,14 +13,16 @@ import numpy as np
 
 from toppling.models.caching import cached
 from toppling.models.compiled import Array
+from toppling.models.errors import InputError
 from toppling.models.frames import horizontal_unit_vector
 from toppling.models.ground.body import GroundedBody
 from toppling.models.ground.contacts import LEANING, MOST
 from toppling.models.ground.equilibrium import farthest_load, shortest, wrenches
 from toppling.models.ground.rolling import FIRST_KEY as FIRST_SMOOTH_KEY
 from toppling.models.ground.stepping import Grounded, contacts_at
-from toppling.models.pivots import Turn, crossed, kept_share, tips_m_s2, turn_under
+from toppling.models.pivots import Turn, carried_on, crossed, tips_m_s2, turn_under
 from toppling.models.statics import TOPPLED_TILT_DEG, Limits
+from toppling.models.support import STEEP
 
 _STEP_SHARE = 0.008
 """Length of a step along the path, as a fraction of the half diagonal R."""
@@ -28,11 +30,12 @@ _STEP_SHARE = 0.008
 _LEAST_STEP_SHARE = 2e-4
 """Shortest step, as a fraction of R, towards the peak of a rolling rock."""
 
-_TOUCHING_SHARE = 1e-6
-"""Gap up to which a contact carries, as a fraction of R."""
+_TOUCHING_SHARES = (1e-6, 1e-5, 1e-4)
+"""Gap up to which a contact carries, as a fraction of R: the least with which a path ends. On a fine rough base what a
+step has hardly left lands again and again, unless it counts as touching."""
 
 _PRESSED_SHARE = 1e-5
-"""Length of the step that closes the gaps opened by a rotation to first order, as a fraction of R."""
+"""Length of the step that closes the gaps opened by a rotation, or left of a rock that was let down, over R."""
 
 _TIPPED_COSINE = math.cos(math.radians(0.5 * TOPPLED_TILT_DEG))  # of half the largest tilt of the path
 
@@ -68,88 +71,113 @@ def limits_on_surface(body: GroundedBody, azimuths_deg: tuple[float, ...]) -> li
 def _followed(body: GroundedBody, azimuth_deg: float) -> tuple[float, float]:
     """Accelerations at which the rock tips, and slides, on the path of one azimuth.
 
-    Where a pose supports less than the best so far, the rock gathers energy, of which it loses what contacts that land
-    take. The path ends where it is beyond its balance, as gravity alone carries it on, with too much of that energy.
+    Raises InputError if the path does not end.
+    """
+    for touching_share in _TOUCHING_SHARES:
+        if (found := _path(body, azimuth_deg, touching_share)) is not None:
+            return found
+    raise InputError(
+        "scene.statics_unfinished",
+        f"the rock rocks over more than {_MOST_STEPS} contacts where the ground accelerates toward {azimuth_deg:g}",
+        where="statics",
+        expected="meshes of rock and ground on which its way to toppling can be followed",
+        remedy="simplify the meshes",
+    )
+
+
+def _path(body: GroundedBody, azimuth_deg: float, touching_share: float) -> tuple[float, float] | None:
+    """The same with one tolerance of gaps; None if the path does not end.
+
+    Where a pose supports less than the best so far, the rock gathers energy, and turns on as it did; contacts that land
+    take of it. The path ends beyond the largest tilt, or where what stands beside the rock catches it.
     """
     size_m, g, load = body.size_m, body.gravity_m_s2, body.load_m_s2()
     push = -horizontal_unit_vector(azimuth_deg) @ body.scene_from_support
     sim, start = body.clockless(body.resting_pose, 1.0), body.resting_pose
-    best, held, gathered_j_kg, short, rolled = 0.0, 0.0, 0.0, 0, False
-    slides, travel_m = np.inf, 0.25 * _STEP_SHARE * size_m
-    settles_m = load * (_PRESSED_SHARE * size_m / g)  # some contacts of a rock that was let down nearly touch
-    pose = _pressed(body, start, _near(sim, start, travel_m), settles_m)
+    best, held, gathered_j_kg, slides, short, travel_m = 0.0, 0.0, 0.0, np.inf, 0, 0.25 * _STEP_SHARE * size_m
+    pose = _pressed(body, start, _near(sim, start, travel_m), load * (_PRESSED_SHARE * size_m / g))
     last = peak = prior = pose
-    turn, pivot_m, corrections = None, pose[:3], 0
+    turn, pivot_m, corrections, rolled, moves, fell = None, pose[:3], 0, False, False, False
     for _ in range(_MOST_STEPS):
         near = _near(sim, pose, travel_m)
-        touching = near[near["gap_m"] < _TOUCHING_SHARE * size_m]
+        touching = near[near["gap_m"] < touching_share * size_m]
         rolls = len(touching) > 0 and touching["key"].min() >= FIRST_SMOOTH_KEY
         off_rad = np.inf
         if rolls and len(touching) == 1:
             onward, back, off_rad = _rolled_on(sim, pose, touching, push, turn)
             if _BALANCED_RAD < off_rad < _STEP_SHARE and corrections < _MOST_CORRECTIONS:
                 corrections += 1
-                pose = _about(pose, back, off_rad)
-                pose = _closed(body, pose, _near(sim, pose, travel_m))
+                pose = _closed(body, sim, _about(pose, back, off_rad), travel_m)
                 continue
         corrections = 0
         most = tips_m_s2(touching["arm_m"], touching["normal"], size_m, load, push)
-        if most is not None:
-            held = most
-        elif len(touching):
-            held = _balanced_m_s2(touching, load, push)
+        if most is not None or len(touching):
+            held = _balanced_m_s2(touching, load, push) if most is None else most
         rests = rolls or most is not None
-        tilted = abs(start[3:] @ pose[3:]) < _TIPPED_COSINE
-        lost = rolled and last is peak and pose is not peak and (held < best or tilted)
+        beyond = abs(start[3:] @ pose[3:]) < _TIPPED_COSINE or np.linalg.norm(pose[:3] - start[:3]) > size_m
+        lost = rolled and last is peak and pose is not peak and (held < best or beyond)
         if lost and travel_m > _LEAST_STEP_SHARE * size_m:
             # The largest lies between the pose before and this one: go back, and take shorter steps between them.
             pose = last = prior
             near, short = _near(sim, pose, travel_m), 8
             travel_m = next_m = 0.25 * travel_m
-            touching = near[near["gap_m"] < _TOUCHING_SHARE * size_m]
+            touching = near[near["gap_m"] < touching_share * size_m]
             if len(touching) == 1:
                 onward, _, off_rad = _rolled_on(sim, pose, touching, push, turn)
         else:
-            if tilted:
+            if beyond:
                 break
             gathered_j_kg = max(gathered_j_kg + float((load + best * push) @ (pose[:3] - last[:3])), 0.0)
             if turn is not None:
                 turn = Turn(pivot_m - pose[:3], turn.axis)
-                gathered_j_kg *= kept_share(turn, touching["arm_m"], touching["normal"], size_m)
+                turns_on, kept = carried_on(turn, touching["arm_m"], touching["normal"], size_m)
+                gathered_j_kg *= kept
             moves = gathered_j_kg > _GATHERED * size_m * g
-            if moves and load @ (pose[:3] - last[:3]) > 0.0:
-                break
+            fell = fell or (moves and load @ (pose[:3] - last[:3]) > 0.0)
             if held > best + _ROUNDING * g and rests and not moves:
+                if fell and not _stands_on_what_is_below(body, touching, push):
+                    break
                 if slides == np.inf:
                     between = best, min(held, _MOST_GRAVITIES * g)
                     slides = _slides_m_s2(body, touching, push, between, rolls and most is None)
                 if held > _MOST_GRAVITIES * g:
                     return np.inf, slides
-                best, gathered_j_kg, peak, prior, rolled = held, 0.0, pose, last, rolls
+                best, gathered_j_kg, fell, peak, prior, rolled = held, 0.0, False, pose, last, rolls
             last, short = pose, short - 1
-            next_m = travel_m if short > 0 else _STEP_SHARE * size_m
-            if len(near) == MOST:  # beyond the farthest of them others may land
-                next_m = min(next_m, max(0.5 * float(near["gap_m"].max()), _LEAST_STEP_SHARE * size_m))
-        if np.linalg.norm(pose[:3] - start[:3]) > size_m:
-            break
+            next_m = _next_travel_m(near, travel_m if short > 0 else _STEP_SHARE * size_m, size_m)
         # Elsewhere than at rest it goes on under the acceleration that moved it, to where that holds it again.
         held_m_s2 = max(best, min(held, _MOST_GRAVITIES * g)) if rests else best
         force = load + ((1.0 + _BEYOND) * held_m_s2 + _BEYOND * g) * push
-        falls = off_rad >= _STEP_SHARE
-        turn = turn_under(touching["arm_m"], touching["normal"], size_m, force) if falls else onward
+        turn = turns_on if moves else turn_under(touching["arm_m"], touching["normal"], size_m, force)
+        turn = onward if off_rad < _STEP_SHARE else turn
         if turn is None:  # nothing carries it on
             best = max(best, held) if rests else best
             break
         pivot_m = pose[:3] + turn.arm_m
-        turned, travel_m = _turned(body, pose, near, turn, travel_m), next_m
-        pose = _closed(body, turned, _near(sim, turned, travel_m))
+        apart = near[near["gap_m"] >= touching_share * size_m]
+        pose, travel_m = _closed(body, sim, _turned(body, pose, apart, turn, travel_m), next_m), next_m
+    else:
+        return None
     return best, slides
+
+
+def _stands_on_what_is_below(body: GroundedBody, touching: np.ndarray, push: Array) -> bool:
+    """Whether contacts that are not steep carry a rock without the others."""
+    low = touching[touching["normal"] @ body.scene_from_support[2] > STEEP]
+    return tips_m_s2(low["arm_m"], low["normal"], body.size_m, body.load_m_s2(), push) is not None
 
 
 def _near(sim: Grounded, pose: Array, travel_m: float) -> np.ndarray:
     """Contacts that a step of some length may reach."""
     bodies = sim.rock, sim.ground, sim.facets
     return sim.trial[: contacts_at(bodies, pose, 2.0 * travel_m, LEANING, sim.lists, sim.trial)].copy()
+
+
+def _next_travel_m(near: np.ndarray, travel_m: float, size_m: float) -> float:
+    """Length of the next step: beyond the farthest of as many contacts as there is room for others may land."""
+    if len(near) < MOST:
+        return travel_m
+    return min(travel_m, max(0.5 * float(near["gap_m"].max()), _LEAST_STEP_SHARE * size_m))
 
 
 def _balanced_m_s2(touching: np.ndarray, load: Array, push: Array) -> float:
@@ -206,21 +234,22 @@ def _slides_m_s2(
     return low if far is None else max(far, low)
 
 
-def _turned(body: GroundedBody, pose: Array, near: np.ndarray, turn: Turn, travel_m: float) -> Array:
-    """A pose turned by a step, or by less to where another contact carries."""
+def _turned(body: GroundedBody, pose: Array, apart: np.ndarray, turn: Turn, travel_m: float) -> Array:
+    """A pose turned by a step, or by less to where one of the contacts that are apart carries."""
     angle = travel_m / body.size_m
-    closing = -(crossed(turn.axis, near["arm_m"] - turn.arm_m) * near["normal"]).sum(axis=1)
-    lands = (near["gap_m"] >= _TOUCHING_SHARE * body.size_m) & (near["key"] < FIRST_SMOOTH_KEY)
-    lands &= closing * angle > near["gap_m"] + _PRESSED_SHARE * body.size_m
-    angle = float((near["gap_m"][lands] / closing[lands]).min(initial=angle))
+    closing = -(crossed(turn.axis, apart["arm_m"] - turn.arm_m) * apart["normal"]).sum(axis=1)
+    lands = closing * angle > apart["gap_m"] + _PRESSED_SHARE * body.size_m
+    lands &= apart["key"] < FIRST_SMOOTH_KEY
+    angle = float((apart["gap_m"][lands] / closing[lands]).min(initial=angle))
     return _about(pose, turn, angle)
 
 
-def _closed(body: GroundedBody, pose: Array, near: np.ndarray) -> Array:
+def _closed(body: GroundedBody, sim: Grounded, pose: Array, travel_m: float) -> Array:
     """A turned pose, moved by what turning does beyond its first order: onto the nearest contacts, deep in none.
 
     Along their normals where they are smooth: a change of the pose that also turned the rock would let it slip.
     """
+    near = _near(sim, pose, travel_m)
     if len(near) == 0:
         return pose
     nearest = near[near["gap_m"].argmin()]

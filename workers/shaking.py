@@ -35,6 +35,7 @@ from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.models.shapes import box
 from toppling.models.statics import TOPPLED_FALL
+from toppling.models.support import STEEP
 from toppling.workers import quaternion as quat
 from toppling.workers.compile_once import ensure_compiled
 from toppling.workers.engines import DEFAULT, engine_named, options_of
@@ -47,9 +48,6 @@ from toppling.workers.standing import TOUCHING_SHARE, let_down
 from toppling.workers.start import State, checked_start
 from toppling.workers.stepping import Watch, steps_at_once, take_steps
 from toppling.workers.termination import Body, Observation, Seen, fallen_below_m, first_met, observe
-
-_STEEP = 0.5
-"""Upward part of a contact's normal: less, and what is touched stands beside the rock, not below it."""
 
 _LOOKS_AFTER = 10.0
 """Time over sqrt(R / g) between two checks of the energy of a rock that is off its plane."""
@@ -209,8 +207,8 @@ class Shaking:
         near, on_rock_m = self._touching(pose)
         at_first, first_m = self._touching(self.sim.pose[0])
         up = body.scene_from_support[2]
-        first_m = first_m[at_first["normal"] @ up > _STEEP]
-        flat, level_m = near["normal"] @ up > _STEEP, near["place_m"] @ up
+        first_m = first_m[at_first["normal"] @ up > STEEP]
+        flat, level_m = near["normal"] @ up > STEEP, near["place_m"] @ up
         base = flat & (level_m < level_m[flat].min(initial=np.inf) + reach_m)
         if len(first_m):
             base |= cKDTree(first_m).query(on_rock_m)[0] < reach_m

@@ -649,6 +649,19 @@ def test_a_rock_that_falls_onto_an_outrigger_topples_where_it_leaves_its_base():
     assert toppled == pytest.approx(tipped, rel=0.04)
 
 
+def test_a_rock_that_rolls_onto_the_facet_beside_its_base_topples_where_it_leaves_that():
+    """It leaves its base at an acceleration that the facet, reached at 6 degrees, bears three times."""
+    rise = math.tan(math.radians(6.0)) * 0.22
+    ring = [(-0.03, 0.0), (0.03, 0.0), (0.25, rise), (0.3, 1.0), (-0.3, 1.0), (-0.25, rise)]
+    rock = prism(ring, [(0, 1, 2), (0, 2, 5), (2, 3, 4), (2, 4, 5)])
+    scene = as_surface(Scene.from_mesh(rock, pedestal=strips([(-6.0, 0.0), (6.0, 0.0)]), friction=0.8))
+    (tips,) = [each for _, each in scene.tips_m_s2([180.0])]
+    arm_m, up_m = np.array([0.25, rise]) - scene.rock.com_m[[0, 2]] + [0.0, scene.rock.vertices_m[:, 2].min()]
+    assert tips == pytest.approx(G * math.tan(math.atan2(arm_m, -up_m) - math.radians(6.0)), rel=0.005)
+    toppled = topples_at_m_s2(scene, 180.0, [0.0, 4.0, 40.0], tips * np.array([0.0, 0.3, 1.2]))
+    assert toppled == pytest.approx(tips, rel=0.04)
+
+
 def test_a_wall_holds_a_block_that_falls_without_it_by_either_engine():
     push = pulse(-6.0, 0.5, after_s=4.0)
     walled = block(with_wall(0.02), 0.7)

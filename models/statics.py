@@ -18,6 +18,7 @@ from toppling.models.relief import contact_feet_m
 from toppling.models.rock import Rock
 from toppling.models.support import (
     CONTACT_SHARE_OF_HEIGHT,
+    STEEP,
     TOPPLED_FALL,
     TOPPLED_TILT_DEG,
     moment_arms,
@@ -25,7 +26,7 @@ from toppling.models.support import (
 )
 
 __all__ = [
-    "CONTACT_SHARE_OF_HEIGHT", "EQUILIBRIUM_MARGIN", "TOPPLED_FALL", "TOPPLED_TILT_DEG", "Limits", "at_rest",
+    "CONTACT_SHARE_OF_HEIGHT", "EQUILIBRIUM_MARGIN", "STEEP", "TOPPLED_FALL", "TOPPLED_TILT_DEG", "Limits", "at_rest",
     "equilibrium_possible", "polygon", "quasi_static_toppling_m_s2", "slides_m_s2", "support_polygon_m",
 ]  # fmt: skip
 

@@ -21,8 +21,7 @@ from toppling.models.ground.equilibrium import farthest_load, shortest, wrenches
 from toppling.models.ground.rolling import FIRST_KEY as FIRST_SMOOTH_KEY
 from toppling.models.ground.stepping import Grounded, contacts_at
 from toppling.models.pivots import Turn, carried_on, crossed, tips_m_s2, turn_under
-from toppling.models.statics import TOPPLED_TILT_DEG, Limits
-from toppling.models.support import STEEP
+from toppling.models.statics import STEEP, TOPPLED_TILT_DEG, Limits
 
 _STEP_SHARE = 0.008
 """Length of a step along the path, as a fraction of the half diagonal R."""

@@ -34,8 +34,7 @@ from toppling.models.ground.stepping import Grounded, work_room
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.models.shapes import box
-from toppling.models.statics import TOPPLED_FALL
-from toppling.models.support import STEEP
+from toppling.models.statics import STEEP, TOPPLED_FALL
 from toppling.workers import quaternion as quat
 from toppling.workers.compile_once import ensure_compiled
 from toppling.workers.engines import DEFAULT, engine_named, options_of

@@ -96,7 +96,7 @@ def _path(body: GroundedBody, azimuth_deg: float, touching_share: float) -> tupl
     best, held, gathered_j_kg, slides, short, travel_m = 0.0, 0.0, 0.0, np.inf, 0, 0.25 * _STEP_SHARE * size_m
     pose = _pressed(body, start, _near(sim, start, travel_m), load * (_PRESSED_SHARE * size_m / g))
     last = peak = prior = pose
-    turn, pivot_m, corrections, rolled, moves, fell = None, pose[:3], 0, False, False, False
+    turn, turns_on, pivot_m, corrections, rolled, moves, fell = None, None, pose[:3], 0, False, False, False
     for _ in range(_MOST_STEPS):
         near = _near(sim, pose, travel_m)
         touching = near[near["gap_m"] < touching_share * size_m]
@@ -132,7 +132,7 @@ def _path(body: GroundedBody, azimuth_deg: float, touching_share: float) -> tupl
                 turns_on, kept = carried_on(turn, touching["arm_m"], touching["normal"], size_m)
                 gathered_j_kg *= kept
             moves = gathered_j_kg > _GATHERED * size_m * g
-            fell = fell or (moves and load @ (pose[:3] - last[:3]) > 0.0)
+            fell = fell or (moves and float(load @ (pose[:3] - last[:3])) > 0.0)
             if held > best + _ROUNDING * g and rests and not moves:
                 if fell and not _stands_on_what_is_below(body, touching, push):
                     break

@@ -1,17 +1,18 @@
 """Public functions behind the commands of the command line: `from toppling import scan, run, fragility`."""
 
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 __all__ = [
-    "constraining",
-    "fragility_figures",
-    "making",
-    "reporting",
-    "rocks",
-    "running",
-    "unseen",
+    "constraining", "fragility_figures", "making", "reporting", "rocks", "running", "unseen",
 ]  # fmt: skip
 
 
 def unseen(*_: Any, **__: Any) -> None:
     """Progress callback that does nothing."""
+
+
+def paths_of(given: str | Path | Sequence[str | Path]) -> tuple[Path, ...]:
+    """One path or several."""
+    return tuple(map(Path, [given] if isinstance(given, str | Path) else given))

@@ -14,8 +14,8 @@ from toppling.models.errors import InputError, UsageError
 from toppling.models.files.documents import finite, without_machine
 from toppling.models.files.table import is_numeral
 from toppling.models.motions.measures import COMPARED
+from toppling.orchestrator.public import paths_of, unseen
 from toppling.orchestrator.public import rocks as asked_rocks
-from toppling.orchestrator.public import unseen
 from toppling.orchestrator.public.rocks import Jobs, measures_shared, names_of, refuse_twins, standing_rock
 from toppling.orchestrator.recorded import read_recorded
 from toppling.results.analysis.constraint import Constraint
@@ -545,7 +545,7 @@ class RockStatement:
 
 
 def constrain(
-    rocks: Sequence[str | Path],
+    rocks: str | Path | Sequence[str | Path],
     *,
     age: Sequence[str] = (),
     hazard: Sequence[str] = (),
@@ -565,7 +565,7 @@ def constrain(
 
     Parameters
     ----------
-    rocks : sequence of path
+    rocks : path or sequence of path
         Runs, atlases with all of their rocks, or files of fragility curves.
     age : sequence of str
         Years for which each rock has stood: 20000, 15000..30000 (uniform), 20000+-3000 (normal, one sigma), 20000*/1.2
@@ -594,7 +594,7 @@ def constrain(
     InputError
         If a rock or hazard cannot be read, or a rock has no fragility over the measure.
     """
-    paths, age = asked_rocks.of_atlases(tuple(map(Path, rocks)), tuple(age), measure)
+    paths, age = asked_rocks.of_atlases(paths_of(rocks), tuple(age), measure)
     ages = _per_rock(paths, [parse_age(text) for text in age] or [np.array([np.nan])])
     since = _per_rock(paths, [parse_since(text) for text in dates.fragile_since] or [None])
     dated = zip(

@@ -20,7 +20,7 @@ from toppling.models.scan.read import Cloud, read_clouds
 from toppling.models.scan.survey import CachedScan, SeparatedMeshes, Survey, save_survey, survey
 from toppling.models.scan.uncertainty import invention_warning
 from toppling.models.scene import Scene
-from toppling.orchestrator.public import unseen
+from toppling.orchestrator.public import paths_of, unseen
 from toppling.orchestrator.rocks_of_run import draw_settling, settling_notes
 from toppling.results.drawing.scene_figures import draw_scene
 
@@ -44,7 +44,7 @@ class Scanned:
 
 
 def scan(
-    files: Sequence[str | Path],
+    files: str | Path | Sequence[str | Path],
     out: str | Path,
     *,
     contact: str | Path | None = None,
@@ -55,7 +55,7 @@ def scan(
 
     Parameters
     ----------
-    files : sequence of path
+    files : path or sequence of path
         Stations of one survey, or pieces of one model.
     out : path
         The scene's folder, which must not exist.
@@ -83,7 +83,7 @@ def scan(
     stage = partial(advance, 1)
 
     advance(0, "reading")
-    cloud, meshes = placed_cloud(tuple(map(Path, files)), hints)
+    cloud, meshes = placed_cloud(paths_of(files), hints)
     make = partial(survey, cloud, stage, hints.get("near"), hint, inspection)
     try:
         result = make() if meshes is None else meshes.surveyed(make, hinted=not inspection.says_nothing)

@@ -108,7 +108,7 @@ def run(
     campaign: Campaign | str | Path,
     out: str | Path,
     *,
-    cluster: Client | AbstractContextManager[Client] | None = None,
+    cluster: Client | AbstractContextManager[Client] | str | None = None,
     workers: int | None = None,
     watch: ProgressCallback = unseen,
     limits: Limits = USUAL_LIMITS,
@@ -123,9 +123,9 @@ def run(
     out : path
         The run's folder: a new one, or one of this campaign to resume. For an address in an object store, such as
         ``s3://bucket/run``, a local copy is written, and uploaded every few seconds and at the end.
-    cluster : Dask client, context manager of one, or None
-        Where the jobs run, such as ``Client(address)`` or ``cluster.get_client()`` of Dask Gateway, Kubernetes or
-        Coiled; processes of this machine unless given.
+    cluster : Dask client, context manager of one, address of a scheduler, or None
+        Where the jobs run, such as ``"tcp://host:8786"``, ``Client(address)`` or ``cluster.get_client()`` of Dask
+        Gateway, Kubernetes or Coiled; processes of this machine unless given.
     workers : int or None
         Number of local processes; one per core unless given.
     watch : callable
@@ -145,13 +145,14 @@ def run(
     RunError
         If the run cannot continue; stored rows are kept, and the same call resumes it.
     """
-    from toppling.orchestrator.cluster import local
+    from toppling.orchestrator.cluster import existing, local
     from toppling.orchestrator.run import run as carry_out
     from toppling.orchestrator.studies.audit import Auditing
 
     chosen = campaign if isinstance(campaign, Campaign) else Campaign.read(campaign)
     folder = at_hand(out)
-    where = cluster if cluster is not None else local(workers or os.cpu_count() or 1)
+    given = existing(cluster) if isinstance(cluster, str) else cluster
+    where = given if given is not None else local(workers or os.cpu_count() or 1)
     with sole_writer(folder, take_over=take_over) as check_writer:
 
         def watching(progress: RunProgress) -> None:

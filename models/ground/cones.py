@@ -141,7 +141,8 @@ def _answer(at: Touching, i: int, friction: float, velocity: Array) -> tuple[int
     contact, stiffness = at.contacts[i], at.room.stiffness[i]
     n, tried = contact.normal, plus(contact.impulse, -stiffness, velocity_of(contact.arm_m, velocity))
     along = dot(tried, n)
-    pressed, across = along + stiffness * contact.floor_m_s, plus(tried, -along, n)
+    pressed = along + stiffness * contact.floor_m_s
+    across = plus(plus(tried, -along, n), -stiffness, contact.slip_m_s)
     if pressed <= 0.0:
         return _OPEN, (0.0, 0.0, 0.0), across, 0.0
     size, limit = math.sqrt(square(across)), friction * pressed

@@ -52,6 +52,7 @@ CONTACT = np.dtype(
             ("arm_m", "f8", 3),  # from the centre of mass
             ("impulse", "f8", 3),  # over the rock's mass, m/s
             ("floor_m_s", "f8"),  # least normal velocity
+            ("slip_m_s", "f8", 3),  # friction is against this and the slip
             ("lands", "i8"),
         ],
     )
@@ -74,7 +75,7 @@ def add(out: Any, count: int, key: int, gap: float, normal: Any, place: Any, pos
     contact.key, contact.gap_m, contact.lands = key, gap, 0
     for k in range(3):
         contact.normal[k], contact.place_m[k], contact.arm_m[k] = normal[k], place[k], place[k] - pose[k]
-        contact.impulse[k] = 0.0
+        contact.impulse[k] = contact.slip_m_s[k] = 0.0
     contact.floor_m_s = 0.0
     return count + 1
 

@@ -123,7 +123,7 @@ def _add(out: Any, count: int, key: int, place: Vector, margin_m: float, pose: A
     contact.key, contact.gap_m, contact.lands, contact.floor_m_s = key, place[2], 0, 0.0
     for k in range(3):
         contact.normal[k], contact.place_m[k], contact.arm_m[k] = 0.0, place[k], place[k] - pose[k]
-        contact.impulse[k] = 0.0
+        contact.impulse[k] = contact.slip_m_s[k] = 0.0
     contact.normal[2] = 1.0
     return count + 1
 

@@ -2,8 +2,8 @@
 
 Moreau's midpoint rule (1988): half a step with the velocity that the rock has; the contacts of that pose give it
 another, with which it takes the other half. A contact that would close within the step faster than a preset resolves
-cuts it: what is left of the step follows on the impact. Angular momentum is kept over a step, so free flight
-conserves it.
+cuts it: what is left of the step follows on the impact. So does a slip that begins, ends or reverses within the step.
+Angular momentum is kept over a step, so free flight conserves it.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from toppling.models.ground.contacts import (
     Touching,
     contacts_in,
     solver_room,
+    velocity_of,
 )
 from toppling.models.ground.facets import Facets, rounded_contacts
 from toppling.models.ground.mesh import ContactMesh
@@ -65,6 +66,9 @@ _ENOUGH, _ENOUGH_IN_IMPACT = 2e-6, 1e-9
 
 _CUT_TOO_EARLY = (1e-6, 1e-6, 1e-4, np.inf)
 """Share of a substep by which a contact may close before its end, in the first and further tries to end it there."""
+
+_SHORTEST_PART = 1e-3
+"""Share of a step, of its first part and of its second, which no slip cuts off."""
 
 _RETURNED = 0.2
 """Share of a penetration that a step takes back, by moving the rock without giving it speed."""
@@ -137,9 +141,10 @@ def step(sim: Grounded, begin_s: float, pose: Array, velocity: Array) -> None:
         left = step_s - elapsed
         if left <= 1e-9 * step_s:
             return
-        cut = np.inf
+        cut, since = np.inf, begin_s + elapsed
+        if impact == 0:
+            left *= _share_until_slip_turns(sim, since, left, velocity)
         for early in _CUT_TOO_EARLY:
-            since = begin_s + elapsed
             increment = velocity_increment_m_s(
                 sim.excitation, sim.sample_s, sim.gravity_m_s2, since, since + left
             )
@@ -151,6 +156,59 @@ def step(sim: Grounded, begin_s: float, pose: Array, velocity: Array) -> None:
         sim.counts[3] += 1
         if cut < np.inf:
             _impact(sim, pose, velocity)
+
+
+@inner
+def _slipped(sim: Grounded, contact: Any) -> bool:
+    """Whether the impulse of a contact lies on the cone of kinetic friction."""
+    along = dot(contact.impulse, contact.normal)
+    limit = sim.friction[1] * along
+    off = square(contact.impulse) - along * along - limit * limit
+    return limit > 0.0 and abs(off) <= 1e-9 * limit * limit
+
+
+@inner
+def _share_until_slip_turns(sim: Grounded, since_s: float, step_s: float, velocity: Array) -> float:
+    """Share of a step after which a rock at rest begins to slip, or friction would drive the slips that it brakes.
+
+    Friction is that of the end of a step: until a slip within it begins or reverses, it would be false.
+    """
+    none, middle_s, turning = (0.0, 0.0, 0.0), since_s + 0.5 * step_s, sim.work.momentum
+    force, moment, pressed, rubs, twists = none, none, none, none, none
+    for i in range(sim.counts[0]):
+        contact = sim.contacts[i]
+        p, n, along = contact.impulse, contact.normal, dot(contact.impulse, contact.normal)
+        force, moment = plus(force, 1.0, p), plus(moment, 1.0, cross(contact.arm_m, p))
+        pressed = plus(pressed, along, n)
+        if _slipped(sim, contact):
+            rub = plus(p, -along, n)
+            rubs, twists = plus(rubs, 1.0, rub), plus(twists, 1.0, cross(contact.arm_m, rub))
+    rests = _fastest_m_s(velocity, (none, sim.size_m)) <= enough_in_step_m_s(sim)
+    if not square(pressed) > 0.0 or not (rests or square(rubs) + square(twists) > 0.0):
+        return 1.0
+    ground = sim.excitation, sim.sample_s, sim.gravity_m_s2
+    first = velocity_increment_m_s(*ground, since_s, middle_s)
+    second = velocity_increment_m_s(*ground, middle_s, since_s + step_s)
+    if rests:
+        one, other = _lacks(sim, first, pressed), _lacks(sim, second, pressed)
+        before, after = 1.5 * one - 0.5 * other, 1.5 * other - 0.5 * one
+    else:
+        times(sim.work.inverse, moment, turning)
+        before, gained = (
+            dot(rubs, velocity) + dot(twists, velocity[3:]),
+            dot(rubs, force) + dot(twists, turning),
+        )
+        gained *= 0.5 * step_s / sim.work.since_s[0]
+        after = before + gained + dot(rubs, first) + dot(rubs, second)
+    part = before / (before - after) if before < 0.0 < after else 1.0
+    return part if _SHORTEST_PART < part < 1.0 - _SHORTEST_PART else 1.0
+
+
+@inner
+def _lacks(sim: Grounded, load: Vector, push: Vector) -> float:
+    """What static friction lacks to hold a load on contacts that push together in a direction."""
+    along = -dot(load, push) / math.sqrt(square(push))
+    return math.sqrt(max(square(load) - along * along, 0.0)) - sim.friction[0] * along
 
 
 @inner
@@ -315,6 +373,16 @@ def _warm(sim: Grounded, count: int, step_s: float, velocity: Array) -> Vector:
         if k < 0:
             continue
         last = sim.contacts[k]
+        if _slipped(sim, last):
+            # Against this and the slip at the end friction is of second order, and turns as smoothly as the slip.
+            moves, limit = (
+                velocity_of(contact.arm_m, velocity),
+                sim.friction[1] * dot(last.impulse, last.normal),
+            )
+            slip = plus(moves, -dot(moves, contact.normal), contact.normal)
+            braked = 0.5 * step_s / sim.work.since_s[0] * limit / max(math.sqrt(square(slip)), 1e-300)
+            for axis in range(3):
+                contact.slip_m_s[axis] = slip[axis] / (1.0 + braked)
         if last.lands == 0:  # of one key only one goes on with its impulse
             for axis in range(3):
                 contact.impulse[axis] = step_s / _step_s(sim) * last.impulse[axis]

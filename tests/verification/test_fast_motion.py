@@ -54,7 +54,7 @@ def newmarks_slip_m(motion, finer=20):
 def test_a_fast_motion_slides_a_slab_by_newmarks_slip(preset, frequency_hz):
     motion = sine(frequency_hz)
     slip_m = shake(slab(), motion, preset).slip_m
-    assert slip_m == pytest.approx(newmarks_slip_m(motion), rel=0.03)  # measured 1.8 to 2.1 % short
+    assert slip_m == pytest.approx(newmarks_slip_m(motion), rel=0.03)  # measured 1.4 to 1.5 % short
 
 
 def test_a_motion_below_fifteen_hertz_or_one_that_does_not_slide_the_rock_leaves_the_step():

@@ -35,6 +35,8 @@ _LIKE_COST, _OTHER_SHARE = 1.25, 0.7
 """A cut is the rival of a cheaper one that costs at most so much less, if the two share less of their surfels."""
 _OF_A_STACK = 0.5
 """Share of its surfels that an upper thing has in common with a stack, and of the stack's height that it has."""
+_ONE_LINE = 0.9
+"""Share of the surfels of both from which on two cuts follow one line, of which the cheaper counts."""
 _SAME_SHARE = 0.5
 """Share of the surfels of both in which a thing from near by is the one from afar."""
 _AROUND = 0.4
@@ -182,6 +184,9 @@ def _seen_near_by(points_m: Array, coarse: Candidate) -> Candidate:
         finer = cut_between(surfels, edges, own == 1.0, (own == 0.0) | rim, peak)
         tried = [_cut_at(surfels, edges, peak, share * height, rim) for share in _TRIED_HEIGHTS]
         closed = [cut for cut in tried if cut is not None and _closes(cut)]
+        if finer is not None:
+            same = [cut for cut in closed if cut.shared(finer) > _ONE_LINE]
+            finer = min([finer, *same], key=lambda cut: cut.cost)
         least = min(closed, key=lambda cut: cut.cost, default=None)
         if least is not None and least.shared(coarse) < _SAME_SHARE:
             # Another thing, such as a rock that wide patches joined with the wall beside it: the cheaper cut counts.

@@ -174,8 +174,8 @@ def test_the_spread_of_a_rock_seen_from_one_side_covers_its_error(one_sided):
     rock, true, spread = found.rock, truth.rock, found.report["uncertainty"]
     surface = found.report["surface"]
     assert surface["seen_share"] == pytest.approx(1.0 - unseen_share, abs=0.05)
-    # The error is a sixth of the volume: two standard deviations must hold it.
-    assert 0.15 * true.volume_m3 < abs(rock.volume_m3 - true.volume_m3) < 2.0 * spread["volume_std_m3"]
+    # The error is a ninth of the volume: two standard deviations must hold it.
+    assert 0.1 * true.volume_m3 < abs(rock.volume_m3 - true.volume_m3) < 2.0 * spread["volume_std_m3"]
     assert (np.abs(rock.com_m - true.com_m) < 2.0 * np.array(spread["com_std_m"])).all()
     inertia = np.abs(rock.inertia_per_mass_m2 - true.inertia_per_mass_m2)
     assert (inertia < 2.0 * np.array(spread["inertia_per_mass_std_m2"])).all()

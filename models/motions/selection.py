@@ -12,24 +12,15 @@ from typing import Any, NoReturn
 from toppling.models import openquake
 from toppling.models.errors import InputError
 from toppling.models.files.documents import listed, read_json, shown
-from toppling.models.files.given import LONGEST_NAME, text_given
+from toppling.models.files.given import text_given
 from toppling.models.files.table import Table, is_numeral, no_table
 from toppling.models.motions.ensemble import Ensemble
 
 _TRACE = "T"
 """Text of nshmp-haz for a contribution below 0.01 %."""
 
-_COLUMNS = (
-    {"magnitude", "mag", "m", "mw"},
-    {"distance", "dist", "r", "rrup", "rjb", "closest distance"},
-    {"contribution", "share", "percent", "%", "per cent", "hazard contribution", "all ε", "total"},
-)
-"""Names of columns with the centres of bins, of magnitude and distance, and with what these contribute."""
-
-_OTHER_LENGTHS = re.compile(
-    r"[(\[]\s*(?:m|mi|miles?|ft|feet|met(?:re|er)s?|nm|deg(?:rees)?|°)\s*[)\]]", re.IGNORECASE
-)
-"""Units of distances that are not km, in brackets behind a column's name."""
+_EDGES = ("magnitude_low", "magnitude_high", "distance_low_km", "distance_high_km", "contribution")
+"""Columns of a table of bins."""
 _UNEVEN = 0.1
 """Share by which centres may lie nearer or farther apart than whole numbers of bins, as by rounding."""
 _MOST_UNEVEN = 0.3
@@ -63,10 +54,9 @@ class Deaggregation:
 def read_deaggregation(table: Path, imt: str | None = None, poe: float | None = None) -> Deaggregation:
     """Bins of a hazard deaggregation.
 
-    Kinds of table are told apart by their header: `magnitude_low`, `magnitude_high`, `distance_low_km`,
-    `distance_high_km`, `contribution` (in any unit); the centres of such bins (`magnitude`, `distance_km`,
-    `contribution`); nshmp-haz's `data.csv`; and OpenQuake's tables over magnitude and
-    distance (`Mag_Dist`, `TRT_Mag_Dist`, `Mag_Dist_Eps`, of the mean or of realisations).
+    Kinds of table are told apart by their header: the columns of `_EDGES`, the contribution in any unit; nshmp-haz's
+    `data.csv`; and OpenQuake's tables over magnitude and distance (`Mag_Dist`, `TRT_Mag_Dist`, `Mag_Dist_Eps`, of the
+    mean or of realisations).
 
     imt: OpenQuake's measure, such as PGV, where its table has several; the first if not given.
     poe: probability, where OpenQuake's table has several; the least, of the strongest motion, if not given.
@@ -84,48 +74,24 @@ def read_deaggregation(table: Path, imt: str | None = None, poe: float | None = 
 
 
 def _bins(file: Table) -> list[Bin]:
-    """Bins of a person's table, by their edges or their centres; those that it splits, as by epsilon, are added up."""
+    """Bins of a table of their edges; those that it splits, as by epsilon, are added up."""
     if len(file.rows) < 2:
         what = "no bin below the names of columns"
         file.refuse("deaggregation.no_bin", 0, what, "a row for each bin", "export the table again")
-    (start, header), *rows = file.rows
-    known = {_plain(name): column for column, name in enumerate(header)}
-    roles = [next((n for n in known if n in names), "") for names in _COLUMNS]
-    for name in header:
-        bare = _plain(name).removesuffix(" low").removesuffix(" high")
-        if _OTHER_LENGTHS.search(name) and bare in _COLUMNS[1]:
-            file.refuse("deaggregation.distance_not_km", start, f"distances under {shown(name)}",
-                "distances in km", "convert them to km")  # fmt: skip
-    edges = ("magnitude low", "magnitude high", "distance low", "distance high")
-    by_centre = all(roles) and not set(edges) <= known.keys()
-    names = roles if by_centre else (*edges, "contribution")
-    places = [known.get(name, len(header)) for name in names]
-    found = []
-    for at, row in rows:
-        try:
-            numbers = [float(row[place].rstrip("% ")) for place in places]
-        except (IndexError, ValueError):
-            numbers = []
-        ordered = by_centre or (numbers[:1] < numbers[1:2] and numbers[2:3] < numbers[3:4])
-        if not (numbers and all(map(math.isfinite, numbers)) and numbers[-1] >= 0 and ordered):
-            file.refuse("deaggregation.bin_unreadable", at, f"not a bin: {shown(row)}",
-                "numbers in magnitude_low, magnitude_high, distance_low_km, distance_high_km, contribution, "
-                "low below high; or centres in magnitude, distance_km, contribution",
-                "correct the table")  # fmt: skip
-        found.append(numbers)
-    if by_centre:
-        km, magnitudes = _widths(file.path, [row[1] for row in found], [row[0] for row in found])
-        found = [[*_around(m, magnitudes), *_around(r, km), share] for m, r, share in found]
+    names = [name.lower() for name in file.names]
+    if lacking := [name for name in _EDGES if name not in names]:
+        _refuse("deaggregation.columns_unknown", file.path, f"has no column {listed(lacking)}",
+            f"name the columns of a table of bins {', '.join(_EDGES)}")  # fmt: skip
     contributions: dict[tuple[float, ...], float] = {}
-    for numbers in found:
+    for at, row in file.whole_rows(no_table):
+        cells = [row[names.index(name)] for name in _EDGES]
+        numbers = [float(cell) if is_numeral(cell) else math.nan for cell in cells]
+        ordered = numbers[0] < numbers[1] and numbers[2] < numbers[3]
+        if not (all(map(math.isfinite, numbers)) and numbers[-1] >= 0 and ordered):
+            file.refuse("deaggregation.bin_unreadable", at, f"not a bin: {shown(row)}",
+                f"numbers in {', '.join(_EDGES)}, low below high", "correct the table")  # fmt: skip
         contributions[tuple(numbers[:4])] = contributions.get(tuple(numbers[:4]), 0.0) + numbers[4]
     return [Bin((place[0], place[1]), (place[2], place[3]), share) for place, share in contributions.items()]
-
-
-def _plain(name: str) -> str:
-    """Name of a column in lower case, without its unit."""
-    bare = re.sub(r"[(\[][^)\]]*[)\]]", "", name[:LONGEST_NAME].lower()).replace("_", " ")
-    return " ".join(bare.removesuffix(" km").split())
 
 
 def _nshmp(file: Table) -> list[Bin]:

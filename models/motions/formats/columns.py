@@ -26,13 +26,8 @@ from toppling.models.motions.formats.record_text import (
     RecordText,
     check_stated,
     parted,
-    stated_counts,
-    stated_direction,
-    stated_orientations,
-    stated_peak_m_s2,
     stated_step_s,
     stated_unit,
-    unit_of_peaks,
 )
 from toppling.models.motions.formats.units import UNITS_S, counted_unit, known_names, unit_of
 from toppling.models.motions.place import place_above
@@ -105,12 +100,6 @@ _CLOCK = re.compile(
 _DAY_S = 24 * UNITS_S["h"]
 _REGULAR_SHARE = 0.95
 """Share of equal differences from which rounding explains no other."""
-_COARSE = 0.1
-"""Last digit of a time, as a fraction of the step, above which lost rows do not show in single differences."""
-_COARSE_RANGE = 1.3
-"""Range of such times about a line, in last digits, above which rows are lost."""
-_COARSE_WINDOW = 50
-"""Number of times on both sides of a place whose means show where."""
 
 
 @dataclass(frozen=True)
@@ -176,18 +165,8 @@ def recognises(head: str) -> bool:
     if first and (first.is_time or first.counts_rows):
         return True  # which `read` refuses by the names
     row = lines[layout.first]
-    commas_within = (
-        layout.width == 2 * _WIDTHS[-1] and layout.names_at is None and "." not in row and "," in row
-    )
-    return commas_within or _is_wrapped(lines, layout)  # `read` refuses the first
-
-
-def _is_wrapped(lines: Sequence[str], layout: _Layout) -> bool:
-    """Whether rows are one component's samples, so many a line: the text above states their number and time step."""
-    above = lines[: layout.first]
-    return (
-        layout.width > _WIDTHS[-1] and len(stated_counts(above)) == 1 and stated_step_s(above, 0) is not None
-    )
+    # Which `read` refuses too, as decimal commas between commas.
+    return layout.width == 2 * _WIDTHS[-1] and layout.names_at is None and "." not in row and "," in row
 
 
 def _is_body(line: str) -> bool:
@@ -326,36 +305,20 @@ def read(file: RecordText) -> list[Component]:
     if layout is None:
         file.refuse("record.no_rows", 0, "no rows of numbers follow on each other", "columns of numbers")
     rows, warnings = _rows(file, layout)
-    wrapped = _is_wrapped(file.lines, layout)
     above = file.lines[: layout.first]
-    if wrapped:
-        _refuse_two_commas(file, layout, rows)
-        values, roles = RecordText(file.path, rows, layout.first).numbers(0)[:, None], _Roles(None, {0: ""})
-        layout = replace(layout, width=1, names_at=None, columns=(_Column("", ""),))
-    else:
-        values, roles = _values(file, layout, rows)
+    values, roles = _values(file, layout, rows)
     if roles.left_out:
         warnings = (*warnings, f"{file.path.name}: columns left out: {', '.join(roles.left_out)}")
     step, start_s = _times(file, layout, roles, values, rows)
     text = [line for n, line in enumerate(above) if n != layout.names_at or not layout.columns]
     check_stated(text, step, (len(values), len(roles.components)), file.path)
-    unit = stated_unit(text) or unit_of_peaks(text, float(np.abs(values[:, list(roles.components)]).max()))
+    unit, place = stated_unit(text), place_above(above)
     named = layout.columns if len(layout.columns) == layout.width else (_Column("", ""),) * layout.width
-    found = [
+    found = (
         _component(file, layout.first, Counted(values[:, n], warnings=warnings), step, label, named[n], unit)
         for n, label in roles.components.items()
-    ]
-    place, orientations = place_above(above), stated_orientations(text)
-    found = [replace(part, place=place, start_s=start_s) for part in found]
-    if list(roles.components.values()) == [""]:
-        found = [replace(found[0], direction=stated_direction(text))]
-    elif not named[-1].name and len(orientations) == len(found):
-        found = [replace(part, direction=points) for part, points in zip(found, orientations, strict=True)]
-    if peak := stated_peak_m_s2(text):  # of whichever it is nearest to
-        off = [abs(math.log(max(float(np.abs(part.acceleration_m_s2).max()), 1e-9) / peak)) for part in found]
-        nearest = off.index(min(off))
-        found[nearest] = replace(found[nearest], stated_peak_m_s2=peak)
-    return found
+    )
+    return [replace(part, place=place, start_s=start_s) for part in found]
 
 
 def _rows(file: RecordText, layout: _Layout) -> tuple[list[str], tuple[str, ...]]:
@@ -407,7 +370,7 @@ def _times(
 ) -> tuple[float, float | None]:
     """Time step and first time by the column of times, else the step by the text above; NaN where neither states it."""
     if roles.time is None:
-        above = stated_step_s([line for line in file.lines[: layout.first] if line.strip()], len(values))
+        above = stated_step_s(file.lines[: layout.first])
         return math.nan if above is None else above, None
     unit = layout.columns[roles.time].unit.lower() if layout.columns else ""
     unit = unit.replace("µ", "u").replace("μ", "u")
@@ -537,26 +500,11 @@ def _time_step(file: RecordText, first: int, time: NDArray[np.float64], printed:
     step = usual if regular or usual > digit else mean
     tolerance = max(STEP_OFF * step, digit / 2 if regular else digit)
     wrong = np.flatnonzero(np.abs(steps - step) > tolerance)
-    if not len(wrong) and digit > _COARSE * step:
-        wrong = _jump_of_coarse_times(time, digit)
     if len(wrong):
         what = f"the time goes on by {steps[wrong[0]]:g} s where the step is {step:g} s: a gap or two steps"
         remedy = "fill or cut the gap, or resample the record to one step first"
         file.refuse("record.step_uneven", first + 1 + int(wrong[0]), what, "equal time steps", remedy)
     return _round_step(mean, digit / len(steps))
-
-
-def _jump_of_coarse_times(time: NDArray[np.float64], digit: float) -> NDArray[np.int64]:
-    """Place, if there is one, where times leave the line that they are on but for rounding to a digit."""
-    number = np.arange(len(time))
-    slope, start = np.polyfit(number, time, 1)
-    off = time - start - slope * number
-    if np.ptp(off) <= _COARSE_RANGE * digit:
-        return np.empty(0, np.int64)
-    sums = np.concatenate([[0.0], np.cumsum(off)])
-    window = min(_COARSE_WINDOW, len(time) // 2)
-    middle = sums[window:-window]
-    return np.array([np.argmax(sums[2 * window :] + sums[: -2 * window] - 2 * middle) + window - 1])
 
 
 def _round_step(step: float, error: float) -> float:

@@ -15,11 +15,9 @@ from toppling.models.files.table import is_numeral
 from toppling.models.motions.formats.component import (
     Component,
     check_time_step,
-    code_direction,
-    label_of,
     refuse_file,
 )
-from toppling.models.motions.formats.units import acceleration_m_s2
+from toppling.models.motions.formats.units import UNITS_S, acceleration_m_s2
 
 SURPLUS_SHARE = 0.01
 """Error of a count that programs make, as a fraction of the samples; beyond it something is missing."""
@@ -41,52 +39,23 @@ _GAP_S = 0.02
 _COMMA_NUMBER = re.compile(r"\s*[-+]?(?:\d+,\d*|,\d+|\d+)(?:[EeDd][-+]?\d+)?\s*$")
 
 _NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
-_BETWEEN = r"(?:\D|(?<=[A-Za-z])\d{1,3}(?!\d)){0,20}"
-"""Separators of a name and its value: digits too, of the name of a channel or converter, as C1 or ADC16."""
-_UNIT = re.compile(
-    r"\b(?:\w+_)?(?:units?|unidad(?:es)?|einheit(?:en)?)\b[^:=]{0,40}[:=]\s*(.{1,60})"
-    r"|\bacc?el\w*[^(\[:=]{0,60}[(\[]([^)\]]{1,30})[)\]]"
-    r"|\bacc?el\w*.{0,60}?\b(?:in|en)\s+(?:units\s+of\s+)?(.{1,30})",
-    re.IGNORECASE,
-)
+_PAIR = re.compile(r"\W*([^:=]{1,80}?)\s*[:=]\s*(\S.*)")
+"""What a line above samples states: a key and its value."""
+_KEYS = {
+    "unit": r"\b(?:\w+_)?(?:units?|unidad(?:es)?)\b",
+    "rate": r"sampl\w*[ _-]*(?:rate|freq)|\bfs\b|(?:tasa|frecuencia) de muestreo",
+    "step": r"\bdt\b|time[ _]*(?:step|interval)|sampl\w*[ _-]*(?:interval|period|step)|intervalo de muestreo",
+    "count": r"\bnpts\b|\bn(?:umber|o\.?|um\.?) *(?:of *)?(?:samples|points|data)\b|numero de (?:datos|muestras)",
+}
+"""Keys that are understood, by what they state."""
 _OF_INSTRUMENT = re.compile(r"scale|calib|sensitiv|gain", re.IGNORECASE)
-"""Before a unit that is not the samples' own: of what counts are multiplied to."""
-_COMPONENT = re.compile(
-    r"\b(?:comp(?:onent)?|direction|orientation|componente)\b\.?\s*(?:\d\s*[:=]|[:=])?\s*([^\s,;:]+)",
-    re.IGNORECASE,
-)
-_ORIENTATIONS = re.compile(
-    r"\borientations?\s*[:=]\s*([^\s,;/]+(?:\s*[,;/]\s*[^\s,;/]+)+)\s*$", re.IGNORECASE
-)
-"""Orientations of all components in the order of their columns: 0,90,UP."""
-_RATE = re.compile(
-    rf"(?:sampl\w*[ _-]*(?:rate|freq\w*)|\bfs(?= *[:=])|\bfreq\w* *(?:of|de) *sampl\w*|"
-    rf"tasa de muestreo|frecuencia de muestreo)"
-    rf"{_BETWEEN}(?<![A-Za-z]){_NUMBER}",
-    re.IGNORECASE,
-)
-_STEP = re.compile(
-    rf"(?:\bdt\b|\bdelta[ _]?t\b|time *_?(?:step|interval)|spaced intervals? of|"
-    rf"sampl\w*[ _-]*(?:interval|period|step|time)|"
-    rf"intervalo de muestreo)({_BETWEEN}?)(?<![A-Za-z]){_NUMBER} *(ms|msec|milliseconds)?\b",
-    re.IGNORECASE,
-)
-_COUNT = re.compile(
-    r"(?:\bnpts|\bn(?:umber|o\.?|um\.?) *(?:of *)?(?:samples|points|data(?: *points)?)|numero de (?:datos|muestras))"
-    r" *[:=] *(\d+)\b",
-    re.IGNORECASE,
-)
-_COUNT_AND_STEP = re.compile(r"\s*(\d+)[\s,]+(\d*\.\d+(?:[eE][-+]?\d+)?)\s*$")
+"""In a key of a unit that is not the samples' own: of what counts are multiplied to."""
+_WITH_UNIT = re.compile(rf"{_NUMBER}\s*([a-z]*)", re.IGNORECASE)
 _PEAK = re.compile(
     rf"(?P<raw>uncor\w*\s+)?\b(?:max|pga|(?:acceleration:\s*)?peak)(?:\s+acceleration)?\s*[=:]?\s*{_NUMBER}\s*"
     r"(?P<unit>[a-z][a-z0-9/*^]*)",
     re.IGNORECASE,
 )
-_PEAKS_IN = re.compile(
-    rf"\b(?:pga|peak)\b[^(\[:=]{{0,30}}[(\[]([^)\]]{{1,30}})[)\]](.{{0,100}}{_NUMBER}.{{0,100}})",
-    re.IGNORECASE,
-)
-"""Peaks of all components behind their unit: RAW PGA VALUES (gal): (N-S) 70.2, (E-W) 105.9."""
 PEAK_OFF = 1.5
 """Factor by which a stated peak may differ from the samples', as by a baseline; beyond it their unit is another."""
 STEP_OFF = 0.02
@@ -310,70 +279,34 @@ def _tokens(line: str, width: int | None) -> list[str]:
     return [body[i : i + width] for i in range(0, len(body), width)]
 
 
-def _found(pattern: re.Pattern[str], lines: Sequence[str]) -> Iterator[re.Match[str]]:
-    """Matches of a pattern in the lines of a header."""
+def _stated(lines: Sequence[str], what: str) -> Iterator[tuple[str, str]]:
+    """Keys and values of the lines of a header that state something of `_KEYS`."""
     for line in lines[:HEADER_LINES]:
-        yield from pattern.finditer(line[:LONGEST_NAME])
+        pairs = filter(None, map(_PAIR.match, re.split("[;|]", line[:LONGEST_NAME])))
+        yield from ((pair[1], pair[2]) for pair in pairs if re.search(_KEYS[what], pair[1], re.IGNORECASE))
 
 
 def stated_unit(lines: Sequence[str]) -> float | None:
     """One unit of the samples in m/s2, where the lines name one acceleration's unit and no other."""
     found = set()
-    for match in _found(_UNIT, lines):
-        clause = re.split("[;,|]", match.string[: match.start(match.lastindex or 0)])[-1]
-        text = next(filter(None, match.groups())).strip()
-        if not text or _OF_INSTRUMENT.search(clause):
-            continue
-        in_brackets = text.partition("(")[2].partition(")")[0]
-        ways = (text, *re.split(r"[(,;]| {2,}", text), text.split()[0], in_brackets)
-        found.add(next(filter(None, map(acceleration_m_s2, ways)), None))
+    for key, value in _stated(lines, "unit"):
+        if not _OF_INSTRUMENT.search(key):
+            ways = (value.strip(), *re.split(r"[(),]| {2,}", value))
+            found.add(next(filter(None, map(acceleration_m_s2, ways)), None))
     found.discard(None)
     return found.pop() if len(found) == 1 else None
 
 
-def unit_of_peaks(lines: Sequence[str], largest: float) -> float | None:
-    """Unit in m/s2 of peaks that the lines state, where it is that of the samples: their largest is such a peak."""
-    for match in _found(_PEAKS_IN, lines):
-        unit, peaks = acceleration_m_s2(match[1]), re.findall(_NUMBER, match[2])
-        peak = max(abs(float(peak)) for peak in peaks)
-        if unit and largest / PEAK_OFF < peak < largest * PEAK_OFF:
-            return unit
-    return None
-
-
-def stated_direction(lines: Sequence[str]) -> float | str | None:
-    """Direction of one component, where the lines name one and no other."""
-    found = {code_direction(label_of(match[1]) or match[1]) for match in _found(_COMPONENT, lines)}
-    found.discard(None)
-    return found.pop() if len(found) == 1 else None
-
-
-def stated_orientations(lines: Sequence[str]) -> list[float | str]:
-    """Directions of several components, in their order, where one line states them all; none else."""
-    found = [match[1] for match in _found(_ORIENTATIONS, lines)]
-    words = [code_direction(word.strip()) for word in re.split("[,;/]", found[0])] if len(found) == 1 else []
-    return [word for word in words if word is not None] if None not in words else []
-
-
-def stated_step_s(lines: Sequence[str], rows: int) -> float | None:
-    """Time step in s, where the lines state one and no other.
-
-    A last line of two numbers is count and step, if the count is that of the rows.
-    """
-    found = {1 / float(match[1]) for match in _found(_RATE, lines) if float(match[1]) > 0}
-    for match in _found(_STEP, lines):
-        milli = match[3] or re.search(r"\bms(?:ec)?\b|milli", match[1], re.IGNORECASE)
-        found.add(float(match[2]) * (1e-3 if milli else 1.0))
-    pair = _COUNT_AND_STEP.match(lines[-1]) if lines else None
-    if pair and int(pair[1]) == rows:
-        found.add(float(pair[2]))
+def stated_step_s(lines: Sequence[str]) -> float | None:
+    """Time step in s, where the lines state one and no other."""
+    rates = (_WITH_UNIT.search(value) for _, value in _stated(lines, "rate"))
+    found = {1 / float(rate[1]) for rate in rates if rate and float(rate[1]) > 0}
+    for key, value in _stated(lines, "step"):
+        if step := _WITH_UNIT.search(value):
+            unit = step[2] or (re.findall(r"\((\w+)\)", key) or [""])[-1]
+            found.add(float(step[1]) * UNITS_S.get(unit.lower(), 0.0))
     found = {round(step, 9) for step in found if step > 0}
     return found.pop() if len(found) == 1 else None
-
-
-def stated_counts(lines: Sequence[str]) -> set[int]:
-    """Numbers of samples that the lines state."""
-    return {int(match[1]) for match in _found(_COUNT, lines)}
 
 
 def check_stated(lines: Sequence[str], step_s: float, shape: tuple[int, int], path: Path) -> None:
@@ -382,11 +315,11 @@ def check_stated(lines: Sequence[str], step_s: float, shape: tuple[int, int], pa
     shape: of the samples, rows and columns.
     Raises InputError if the lines state another time step, or another number of samples.
     """
-    stated = stated_step_s(lines, shape[0])
+    stated = stated_step_s(lines)
     if stated is not None and abs(stated - step_s) > STEP_OFF * step_s:
         what = f"the time goes on by {step_s:g} s, and by {stated:g} s by the text above"
         refuse_file("record.step_contradicted", path, what, "one time step", "correct the text, or the times")
-    counts = stated_counts(lines)
+    counts = {int(value) for _, value in _stated(lines, "count") if value.isdecimal()}
     near = [
         count for count in counts for n in (shape[0], shape[0] * shape[1])
         if abs(count - n) <= max(ROWS_OFF, SURPLUS_SHARE * n)
@@ -402,7 +335,8 @@ def stated_peak_m_s2(lines: Sequence[str]) -> float | None:
 
     One of a single digit is rounded too much to be held against the samples.
     """
-    found = [match for match in _found(_PEAK, lines) if len(re.sub(r"^[-+.0]+|\.|[eE].*", "", match[2])) > 1]
+    matches = (match for line in lines[:HEADER_LINES] for match in _PEAK.finditer(line[:LONGEST_NAME]))
+    found = [match for match in matches if len(re.sub(r"^[-+.0]+|\.|[eE].*", "", match[2])) > 1]
     found.sort(key=lambda match: match["raw"] is not None)
     peaks = ((abs(float(match[2])), acceleration_m_s2(match["unit"])) for match in found)
     return next((size * unit for size, unit in peaks if unit and size), None)

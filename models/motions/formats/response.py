@@ -6,7 +6,7 @@ import tempfile
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -86,30 +86,11 @@ def in_m_s2(trace: Any, inventory: Any, path: Path) -> Converted:
     except InputError as error:
         return Converted(values, no_unit=error)
     try:
-        found = _converted(trace, values, channel.response, path)
-        if channel.location_code == trace.stats.location:
-            return found
-        at = f"{trace.id} is read with the response at location {channel.location_code!r}"
-        warning = f"{at}, the only one of its channel in the StationXML"
-        return replace(found, warnings=(*found.warnings, warning))
+        return _converted(trace, values, channel.response, path)
     except InputError:
         raise
     except (ArithmeticError, LookupError, TypeError, ValueError, AttributeError) as error:
         _refuse_response("response.incomplete", f"the response of {trace.id} is incomplete ({error})", path)
-
-
-def location_of(stats: Any, inventory: Any) -> str:
-    """Location under which an inventory has a trace's channel: its own, or the only one that there is at its time."""
-    channels = [
-        channel
-        for network in inventory
-        for station in network
-        for channel in station
-        if (network.code, station.code, channel.code) == (stats.network, stats.station, stats.channel)
-    ]
-    there = {c.location_code for c in channels}
-    active = {c.location_code for c in channels if c.is_active(time=stats.starttime)}
-    return active.pop() if stats.location not in there and len(active) == 1 else stats.location
 
 
 def _converted(trace: Any, values: NDArray[np.float64], response: Any, path: Path) -> Converted:
@@ -147,7 +128,7 @@ def _channel_of(stats: Any, inventory: Any, path: Path) -> Any:
 
     Raises InputError if there is none, with what there is instead, or there are two.
     """
-    asked = stats.network, stats.station, location_of(stats, inventory), stats.channel
+    asked = stats.network, stats.station, stats.location, stats.channel
     name, every = (
         ".".join(asked),
         [((n.code, s.code, c.location_code, c.code), c) for n in inventory for s in n for c in s],

@@ -24,7 +24,7 @@ from toppling.models.motions.formats.component import (
     refuse_file,
 )
 from toppling.models.motions.formats.record_text import RecordText
-from toppling.models.motions.formats.response import Converted, in_m_s2, location_of
+from toppling.models.motions.formats.response import Converted, in_m_s2
 from toppling.models.motions.measures import STANDARD_G_M_S2
 from toppling.models.motions.place import BOREHOLE, FREE_FIELD, Place, at_depth, place_in_name
 
@@ -239,7 +239,7 @@ def _place(stats: Any, inventory: Any | None) -> Place:
         return BOREHOLE if _series(stats) == "1" else FREE_FIELD
     if inventory is not None:
         with suppress(Exception):  # ObsPy raises Exception itself where it has no such channel
-            codes = stats.network, stats.station, location_of(stats, inventory), stats.channel
+            codes = stats.network, stats.station, stats.location, stats.channel
             station = inventory.select(*codes, time=stats.starttime)[0][0]
             depth = at_depth(float(station[0].depth or 0.0))
             return place_in_name(station.site.name or "") if depth.free_field else depth
@@ -312,7 +312,7 @@ def _stated_direction(stats: Any, inventory: Any | None) -> tuple[float | str, f
     """Direction, azimuth, and who states them; None where nobody does."""
     if inventory is not None:
         with suppress(Exception):  # ObsPy raises Exception itself where it has no such channel
-            codes = (stats.network, stats.station, location_of(stats, inventory), stats.channel)
+            codes = (stats.network, stats.station, stats.location, stats.channel)
             found = inventory.get_orientation(".".join(codes), stats.starttime)
             azimuth = None if found["azimuth"] is None else float(found["azimuth"]) % 360
             if found["dip"] is not None and abs(found["dip"]) > 45:

@@ -86,29 +86,32 @@ def test_widths_of_nshmps_bins_are_those_that_a_file_of_the_calculation_states(t
     assert (first.magnitude, first.distance_km) == ((5.05, 5.15), (5.0, 15.0))
 
 
+NAMES = "magnitude_low,magnitude_high,distance_low_km,distance_high_km,contribution\n"
+
+
 @pytest.mark.parametrize(
     "text",
     [
-        "magnitude_low,magnitude_high,distance_low_km,distance_high_km,contribution\n5,6,0,10,30\n6,7,10,20,70\n",
-        "# at the rock\nMagnitude,Distance (km),Contribution (%)\n5.5,5,30\n6.5,15,70\n",
-        "Mw;R_km;%\n5,5;5,0;30\n6,5;15,0;70\n",
-        "r\tmag\teps\tcontribution\n5\t5.5\t0\t10\n5\t5.5\t1\t20\n15\t6.5\t0\t70%\n",
+        NAMES + "5,6,0,10,30\n6,7,10,20,70\n",
+        "# at the rock\n" + NAMES.replace(",", ";") + "5,0;6,0;0;10;30\n6;7;10;20;70\n",
+        NAMES.replace("\n", ",eps\n") + "5,6,0,10,10,0\n5,6,0,10,20,1\n6,7,10,20,70,0\n",
     ],
 )
-def test_a_persons_bins_may_be_edges_or_centres_and_are_the_same(tmp_path, text):
+def test_a_table_states_the_edges_of_bins_and_parts_of_one_are_added_up(tmp_path, text):
     one, two = read_deaggregation(written(tmp_path, text)).bins
     assert (one.magnitude, one.distance_km, one.contribution) == ((5.0, 6.0), (0.0, 10.0), 30.0)
     assert (two.magnitude, two.distance_km, two.contribution) == ((6.0, 7.0), (10.0, 20.0), 70.0)
 
 
-@given(st.floats(0.1, 0.5), st.integers(2, 9), st.integers(0, 2))
-def test_rounded_centres_of_equal_bins_are_read_and_others_refused(tmp_path_factory, width, count, digits):
-    path = tmp_path_factory.mktemp("bins") / "table.csv"
+@given(st.floats(0.1, 0.5), st.integers(2, 9), st.floats(1.2, 1.8))
+def test_rounded_centres_of_nshmps_equal_bins_are_read_and_others_refused(
+    tmp_path_factory, width, count, off
+):
+    path = tmp_path_factory.mktemp("bins") / "data.csv"
     centres = [round(5.0 + width * n, 2) for n in range(count)]
-    rows = "".join(f"{m},{r},1,234\n" for m in centres for r in (5, 15))
-    path.write_text("M,R,contribution\n" + rows.replace("1,234", '"1,234"' if digits else "1234"))
-    assert {one.contribution for one in read_deaggregation(path).bins} == {1234.0}
-    path.write_text(f"M,R,contribution\n5,5,1\n5,15,1\n6,{15 + 10 * (digits + 1.5)},1\n")
+    path.write_text("r,m,Σε\n" + "".join(f"{r},{m},1\n" for m in centres for r in (5, 15)))
+    assert len(read_deaggregation(path).bins) == 2 * count
+    path.write_text(f"r,m,Σε\n5,5,1\n15,5,1\n{15 + 10 * off},6,1\n")
     with refused("deaggregation.bins_uneven"):
         read_deaggregation(path)
 
@@ -127,15 +130,10 @@ BIN = "PGA,0.2,0.1,5.5,5.0,0.1,0.0"
         ("deaggregation.edges_missing", "", openquake([BIN], "weights=[0.4, 0.6]")),
         ("deaggregation.probability_not_there", "", openquake([])),
         *((f"deaggregation.{code}", "", text) for code, text in (
-            ("bin_unreadable", "magnitude,distance_km,contribution\n5.5,5,-1\n6.5,15,2\n"),
-            ("bin_unreadable", "magnitude,distance_km,contribution\n5.5,,1\n6.5,15,2\n"),
-            ("distance_not_km", "magnitude,distance (m),contribution\n5.5,5000,1\n6.5,15000,2\n"),
-            ("distance_not_km", "M,Rrup [mi],share\n5.5,5,1\n6.5,15,2\n"),
-            ("bins_uneven", "M,R,%\n5.5,5,1\n5.5,15,1\n6.5,50,2\n"),
-            ("bin_unreadable", 'M,R,%\n5.5,5,"0,5"\n6.5,15,"1,5"\n'),
-            ("bin_width_unknown", "magnitude,distance_km,contribution\n5.5,5,1\n"),
-            ("bin_unreadable", "magnitude,site,contribution\n5.5,5,1\n"),
-            ("no_bin", "magnitude,distance_km,contribution\n"), ("no_bin", ""),
+            ("bin_unreadable", NAMES + "5,6,0,10,-1\n"), ("bin_unreadable", NAMES + "5,6,,10,1\n"),
+            ("bin_unreadable", NAMES + "6,5,0,10,1\n"), ("bin_width_unknown", "r,m,Σε\n5,5.5,1\n"),
+            ("columns_unknown", "magnitude,distance_km,contribution\n5.5,5,1\n"),
+            ("columns_unknown", NAMES.replace("_km", "") + "5,6,0,10,1\n"), ("no_bin", NAMES), ("no_bin", ""),
         )),
     ],
 )  # fmt: skip
@@ -207,8 +205,8 @@ def test_a_count_spreads_evenly_over_the_ranks_of_pulse_length_with_both_ends(pu
 
 
 def test_weights_share_each_bins_contribution_and_add_up_to_one(ensemble, tmp_path):
-    table, head = tmp_path / "bins.csv", "magnitude_low,magnitude_high,distance_low_km,distance_high_km"
-    table.write_text(f"{head},contribution\n6,7,0,20,30\n7,8,20,40,10\n7,8,0,20,60\n")
+    table = tmp_path / "bins.csv"
+    table.write_text(f"{NAMES}6,7,0,20,30\n7,8,20,40,10\n7,8,0,20,60\n")
     bins = read_deaggregation(table).bins
     weights, empty = hazard_weights(ensemble, ensemble.record_ids, bins)
     assert weights == pytest.approx({"A1": 0.375, "A2": 0.375, "A3": 0.0, "B1": 0.25, "C1": 0.0})

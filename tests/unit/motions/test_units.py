@@ -2,7 +2,6 @@
 
 import copy
 
-import numpy as np
 import obspy
 import pytest
 from motion_samples import imported, miniseed, sensitivity, shaking
@@ -97,21 +96,9 @@ def with_xml_at(folder, codes):
         for channel in channels:
             placed = copy.deepcopy(channel)
             placed.location_code = code
-            placed.azimuth = None if channel.code == "HNZ" else (channel.azimuth + 30) % 360
             station.channels.append(placed)
     inventory.write(str(path), format="STATIONXML")
     return imported(folder)
-
-
-def test_the_only_location_of_a_channel_is_that_of_the_record_and_told(tmp_path):
-    (record,) = with_xml_at(tmp_path, ["00"]).records
-    turned = np.hypot(*record.motion.acceleration_m_s2[:, :2].T).max()
-    assert turned == pytest.approx(np.hypot(*shaking()[:, :2].T).max(), rel=1e-3)
-    # north of the record, which points 30 degrees east of it
-    north, east = shaking()[:, 1], shaking()[:, 0]
-    expected = np.cos(np.deg2rad(30)) * north - np.sin(np.deg2rad(30)) * east
-    np.testing.assert_allclose(record.motion.acceleration_m_s2[:, 1], expected, atol=1e-4)
-    assert sum("at location '00', the only one" in step for step in record.history) == 3
 
 
 @pytest.mark.parametrize("value", ["", "counts", "NaN", "0"])
@@ -124,5 +111,7 @@ def test_a_sensitivity_that_is_no_number_is_refused(value, tmp_path):
     assert {refusal.reason.code.partition(".")[0] for refusal in outcome.refusals} == {"response"}
 
 
-def test_two_locations_of_a_channel_leave_it_open_which_is_meant(tmp_path):
-    left_out(with_xml_at(tmp_path, ["00", "20"]), "response.missing", "XX.TST.00.HNE", "XX.TST.20.HNE")
+@pytest.mark.parametrize("codes", [["00"], ["00", "20"]])
+def test_a_response_at_other_locations_is_refused_and_they_are_named(codes, tmp_path):
+    named = [f"XX.TST.{code}.HNE" for code in codes]
+    left_out(with_xml_at(tmp_path, codes), "response.missing", *named)

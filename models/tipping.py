@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from toppling.models.caching import cached
 from toppling.models.compiled import Array
@@ -39,8 +40,8 @@ _PRESSED_SHARE = 1e-5
 _TIPPED_COSINE = math.cos(math.radians(0.5 * TOPPLED_TILT_DEG))  # of half the largest tilt of the path
 
 _GATHERED = 3e-3
-"""Energy per mass over g R up to which a rock counts as at rest: it gathers as much over the unevenness of its base, or
-in a fall of 4 degrees about an edge."""
+"""Energy per mass over g R up to which a rock on smooth contacts counts as at rest, and none as fallen: it gathers as much
+over the unevenness of its base, or in a fall of 4 degrees about an edge."""
 
 _BEYOND = 0.01
 """Share by which the acceleration that moves the rock on, and a hundredth of g, exceed the largest at rest."""
@@ -129,10 +130,16 @@ def _path(body: GroundedBody, azimuth_deg: float, touching_share: float) -> tupl
             gathered_j_kg = max(gathered_j_kg + float((load + best * push) @ (pose[:3] - last[:3])), 0.0)
             if turn is not None:
                 turn = Turn(pivot_m - pose[:3], turn.axis)
-                turns_on, kept = carried_on(turn, touching["arm_m"], touching["normal"], size_m)
+                axes = Rotation.from_quat(pose[3:]).as_matrix()
+                inertia_m2 = axes * body.inertia_m2 @ axes.T
+                turns_on, kept = carried_on(turn, touching["arm_m"], touching["normal"], inertia_m2, size_m)
                 gathered_j_kg *= kept
-            moves = gathered_j_kg > _GATHERED * size_m * g
-            fell = fell or (moves and float(load @ (pose[:3] - last[:3])) > 0.0)
+            much = gathered_j_kg > _GATHERED * size_m * g
+            fell = fell or (much and float(load @ (pose[:3] - last[:3])) > 0.0)
+            moves = much
+            if not rolls:
+                apart = near[near["gap_m"] >= touching_share * size_m]
+                moves = turns_on is not None and gathered_j_kg > _climb(turns_on, load + best * push, apart)
             if held > best + _ROUNDING * g and rests and not moves:
                 if fell and not _stands_on_what_is_below(body, touching, push):
                     break
@@ -158,6 +165,20 @@ def _path(body: GroundedBody, azimuth_deg: float, touching_share: float) -> tupl
     else:
         return None
     return best, slides
+
+
+def _climb(turn: Turn, force: Array, apart: np.ndarray) -> float:
+    """Energy per mass up to the balance of a rotation, or to where a contact lands; infinite where the force turns it."""
+    com = -turn.arm_m + (turn.arm_m @ turn.axis) * turn.axis
+    side = crossed(turn.axis, com)
+    along, ahead = float(com @ force), float(side @ force)
+    to_balance = math.atan2(-ahead, -along)
+    if to_balance <= 0.0:
+        return np.inf
+    closing = -(crossed(turn.axis, apart["arm_m"] - turn.arm_m) * apart["normal"]).sum(axis=1)
+    lands = closing * to_balance > apart["gap_m"]
+    angle = float((apart["gap_m"][lands] / closing[lands]).min(initial=to_balance))
+    return along * (1.0 - math.cos(angle)) - ahead * math.sin(angle)
 
 
 def _stands_on_what_is_below(body: GroundedBody, touching: np.ndarray, push: Array) -> bool:

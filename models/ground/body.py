@@ -203,6 +203,7 @@ class GroundedBody:
             if len(carrying) == 0:
                 raise not_touching(most_m)
             rise = -float((carrying["gap_m"] / (carrying["normal"] @ up)).min())
+            rise = min(rise, most_m)  # along a steep contact it would leave all others
             pose[:3] += rise * up
             if abs(rise) < 1e-9 * self.size_m:
                 break

@@ -1,15 +1,16 @@
 """Quasi-static path of a rock over the facets of its hull. Compiled.
 
-A horizontal ground acceleration a grows so slowly that the rock's inertia relative to the ground is negligible. Then
-the rock is always in an equilibrium under the effective gravity g - a, on a set of its hull's vertices whose convex
-hull contains the point where the line of action through the centre of mass pierces the plane. An equilibrium on a
-vertex or an edge is that of an inverted pendulum and never stable, so the path goes from facet to facet of the convex
-hull: a facet is stable until the piercing point crosses its border, where the rock rotates about the edge (or vertex)
-nearest to the piercing point, rolling without slip or spin and without gathering speed, until a facet is stable again.
-If there is none, the rock topples. A smooth base is the limit of fine facets, whose path ends at the limit point of the
-equilibria of the potential -g_eff . x_com. For a sharp-edged flat base it is the formula of Anooshehpoor, Brune and
-Zeng (2004), g tan(alpha), extended to three dimensions (moments about each edge) and to slopes (gravity in the plane's
-frame).
+A horizontal ground acceleration a grows so slowly that the rock's inertia relative to the ground is negligible until it
+is unseated. At rest it is in an equilibrium under the effective gravity g - a, on a set of its hull's vertices whose
+convex hull contains the point where the line of action through the centre of mass pierces the plane. An equilibrium on
+a vertex or an edge is that of an inverted pendulum and never stable, so the path goes from facet to facet of the convex
+hull: a facet is stable until the piercing point crosses its border. There the rock falls about the edge (or vertex)
+nearest to the piercing point, rolling without slip or spin, onto another facet. What its landing leaves of the energy
+of the fall carries it over the next edge if it is enough for the way up to the balance; else the rock rests there, or
+falls on. If no facet is stable and reached at rest, it topples. A smooth base is the limit of fine facets, whose path
+ends at the limit point of the equilibria of the potential -g_eff . x_com. For a sharp-edged flat base it is the formula
+of Anooshehpoor, Brune and Zeng (2004), g tan(alpha), extended to three dimensions (moments about each edge) and to
+slopes (gravity in the plane's frame).
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ import numpy as np
 
 from toppling.models.compiled import Array, Indices, Vector, compiled, inner
 from toppling.models.frames import horizontal_unit_vector, plane_axes
-from toppling.models.ground.rigid import dot, plus, turned
+from toppling.models.ground.rigid import dot, minus, plus, turned, turned_back
 from toppling.models.pedestal import Pedestal
 from toppling.models.relief import contact_feet_m
 from toppling.models.rock import Rock
@@ -35,11 +36,19 @@ _ROUNDING = 1e-12  # relative tolerance of a moment for equilibrium
 _LEAST_UPWARD = math.cos(math.radians(TOPPLED_TILT_DEG))
 
 
+class _Turn(NamedTuple):
+    """A rotation over an edge or vertex: a point of its axis in the plane, and the unit vector across it, outward."""
+
+    pivot: tuple[float, float]
+    out: tuple[float, float]
+
+
 class _Rolling(NamedTuple):
     """Hull vertices and centre of mass in the plane's frame (z normal to it, 0 in it), and a pose on their path."""
 
     points: Array  # (n, 3), at the start
     com: Array  # (3,)
+    inertia_m2: Array  # (3, 3): over mass, at the start
     tolerance_m: float
     moved: Array  # (n, 3): points in the pose
     turn: Array  # (3, 3): from the start
@@ -56,6 +65,7 @@ class Seat:
     points: Array  # (n, 3): what can touch, in the plane's frame, the lowest at 0
     com: Array  # (3,)
     frame: Array  # rows: axes of the plane and its normal, scene frame
+    inertia_m2: Array  # (3, 3): over mass, in that frame
     tolerance_m: float
 
     @classmethod
@@ -65,7 +75,8 @@ class Seat:
         points = (contact_feet_m(rock, pedestal) - pedestal.point_m) @ frame.T
         lowest = np.array([0.0, 0.0, points[:, 2].min()])
         com = (rock.com_m - pedestal.point_m) @ frame.T - lowest
-        return cls(points - lowest, com, frame, CONTACT_SHARE_OF_HEIGHT * rock.height_m)
+        inertia_m2 = frame @ rock.inertia_per_mass_m2 @ frame.T
+        return cls(points - lowest, com, frame, inertia_m2, CONTACT_SHARE_OF_HEIGHT * rock.height_m)
 
     def path(self, gravity_m_s2: float, azimuth_deg: float) -> tuple[float, float]:
         """Accelerations at lift-off and at toppling."""
@@ -89,7 +100,7 @@ class Seat:
     def _rolling(self) -> _Rolling:
         points, count = np.ascontiguousarray(self.points), len(self.points)
         return _Rolling(
-            points, self.com, self.tolerance_m, points.copy(), np.eye(3), np.zeros(3),
+            points, self.com, self.inertia_m2, self.tolerance_m, points.copy(), np.eye(3), np.zeros(3),
             np.empty((count, 2)), np.empty((2 * count, 2)), np.zeros(1, np.int64),
         )  # fmt: skip
 
@@ -114,12 +125,92 @@ def _next_rest(rock: _Rolling, gravity: Array, push: Array, left_m_s2: float) ->
             weight = plus(gravity, left_m_s2 + past, push)
     if weight[2] >= 0.0:
         return -1.0
+    motion, energy = _Turn((0.0, 0.0), (0.0, 0.0)), 0.0  # per mass
     while rock.turn[2, 2] >= _LEAST_UPWARD and _com(rock)[2] >= (1.0 - TOPPLED_FALL) * rock.com[2]:
-        if _holds(rock, weight):
-            return _leaves(rock, gravity, push, max(left_m_s2, 0.0))
-        _roll(rock, weight)
+        about, kept = _onward(rock, motion)
+        angle = _landing(rock, about)
+        if energy * kept <= _climb(rock, about, angle, weight):
+            if _holds(rock, weight):
+                return _leaves(rock, gravity, push, max(left_m_s2, 0.0))
+            about, on_vertex = _falls_about(rock, weight)
+            kept, angle = _kept(rock, motion, about), _landing(rock, about)
+            if on_vertex:
+                angle = min(angle, max(0.25 * angle, _VERTEX_STEP_RAD))
+        before = _com(rock)
+        _roll(rock, about, angle)
+        if left_m_s2 >= 0.0:  # a rock as scanned settles without speed
+            motion, energy = about, max(energy * kept + dot(weight, minus(_com(rock), before)), 0.0)
         _touch(rock)
     return -1.0
+
+
+@inner
+def _reach(rock: _Rolling, turn: _Turn) -> float:
+    """Distance of the centre of mass beyond an axis."""
+    com = _com(rock)
+    return turn.out[0] * (com[0] - turn.pivot[0]) + turn.out[1] * (com[1] - turn.pivot[1])
+
+
+@inner
+def _kept(rock: _Rolling, before: _Turn, after: _Turn) -> float:
+    """Share of its energy that a rock keeps where one rotation becomes another; 0 against its motion.
+
+    No contact that lands slips or rebounds, so their impulses do no work on the motion after.
+    """
+    first, then = _motion(rock, before), _motion(rock, after)
+    product, size = _product(rock, first, then), _product(rock, first, first) * _product(rock, then, then)
+    return product**2 / size if product > 0.0 else 0.0
+
+
+@inner
+def _motion(rock: _Rolling, turn: _Turn) -> tuple[Vector, Vector]:
+    """Velocities of the centre of mass, across the axis, and of rotation, in the axes of the start."""
+    out, height = turn.out, _com(rock)[2]
+    velocity = height * out[0], height * out[1], -_reach(rock, turn)
+    return velocity, turned_back(rock.turn, (-out[1], out[0], 0.0))
+
+
+@inner
+def _product(rock: _Rolling, first: tuple[Vector, Vector], other: tuple[Vector, Vector]) -> float:
+    """Product of two motions in the rock's kinetic energy."""
+    return dot(first[0], other[0]) + dot(turned(rock.inertia_m2, first[1]), other[1])
+
+
+@inner
+def _onward(rock: _Rolling, motion: _Turn) -> tuple[_Turn, float]:
+    """The rotation with which a rock goes on as it turned, and the share of its energy that it keeps.
+
+    About an edge of its support, or as before, over the farthest of its corners.
+    """
+    best, most, corners, far = motion, -1.0, rock.corners[0], -np.inf
+    for k in range(corners):
+        corner = rock.ring[k, 0], rock.ring[k, 1]
+        reach = corner[0] * motion.out[0] + corner[1] * motion.out[1]
+        if reach > far:
+            far, best = reach, _Turn(corner, motion.out)
+    most = _kept(rock, motion, best)
+    for k in range(corners if corners > 1 else 0):
+        right, up = _edge(rock, k)
+        length = math.hypot(right, up)
+        if length > 0.0:
+            edge = _Turn((rock.ring[k, 0], rock.ring[k, 1]), (up / length, -right / length))
+            share = _kept(rock, motion, edge)
+            if share > most:
+                best, most = edge, share
+    return best, most
+
+
+@inner
+def _climb(rock: _Rolling, about: _Turn, angle: float, weight: Vector) -> float:
+    """Energy per mass that a rotation takes to where it is in balance, or ends; infinite where the force turns it."""
+    reach, height = _reach(rock, about), _com(rock)[2]
+    out, down = about.out[0] * weight[0] + about.out[1] * weight[1], -weight[2]
+    to_balance = math.atan2(-out * height - down * reach, down * height - out * reach)
+    if to_balance <= 0.0:
+        return np.inf
+    turned_rad = min(angle, to_balance)
+    sine, versed = math.sin(turned_rad), 1.0 - math.cos(turned_rad)
+    return out * (versed * reach - sine * height) - down * (versed * height + sine * reach)
 
 
 @inner
@@ -163,13 +254,10 @@ def _leaves(rock: _Rolling, gravity: Array, push: Array, least: float) -> float:
 
 
 @inner
-def _roll(rock: _Rolling, weight: Vector) -> None:
-    """Turn about the edge or vertex nearest to the piercing point until another point lands, or the fall may change."""
-    com = _com(rock)
-    x, y = com[0] - weight[0] * com[2] / weight[2], com[1] - weight[1] * com[2] / weight[2]
-    pivot, out, on_vertex = _nearest(rock, x, y)
+def _landing(rock: _Rolling, about: _Turn) -> float:
+    """Angle of a rotation about an edge or vertex at which another point lands."""
     # A touching point behind the pivot is at an angle of pi and rises: it cannot be the next contact.
-    across, over = -1.0, 0.0
+    across, over, (pivot, out) = -1.0, 0.0, about
     for k in range(len(rock.moved)):
         point = rock.moved[k]
         reach = (point[0] - pivot[0]) * out[0] + (point[1] - pivot[1]) * out[1]
@@ -178,9 +266,13 @@ def _roll(rock: _Rolling, weight: Vector) -> None:
             across, over = reach, height
         elif height == 0.0 and reach > rock.tolerance_m:
             across, over = 1.0, 0.0
-    angle = math.atan2(over, across)
-    if on_vertex:
-        angle = min(angle, max(0.25 * angle, _VERTEX_STEP_RAD))
+    return math.atan2(over, across)
+
+
+@inner
+def _roll(rock: _Rolling, about: _Turn, angle: float) -> None:
+    """Turn about an edge or vertex."""
+    pivot, out = about
     sine, versed = math.sin(angle), 1.0 - math.cos(angle)
     i, j, turn, shift = -out[1], out[0], rock.turn, rock.shift  # axis of rotation
     rows = (
@@ -203,8 +295,10 @@ def _roll(rock: _Rolling, weight: Vector) -> None:
 
 
 @inner
-def _nearest(rock: _Rolling, x: float, y: float) -> tuple[tuple[float, float], tuple[float, float], bool]:
-    """Nearest point of the support to a point outside, unit vector outward, whether it is a vertex."""
+def _falls_about(rock: _Rolling, weight: Vector) -> tuple[_Turn, bool]:
+    """The axis at the point of the support nearest to the piercing point, and whether that point is a vertex."""
+    com = _com(rock)
+    x, y = com[0] - weight[0] * com[2] / weight[2], com[1] - weight[1] * com[2] / weight[2]
     corners, ring, least = rock.corners[0], rock.ring, np.inf
     pivot, on_edge, along = (ring[0, 0], ring[0, 1]), False, (0.0, 0.0)
     for k in range(corners if corners > 1 else 0):
@@ -223,9 +317,9 @@ def _nearest(rock: _Rolling, x: float, y: float) -> tuple[tuple[float, float], t
     if on_edge:
         length = math.hypot(along[0], along[1])
         sign = 1.0 if along[1] * away[0] - along[0] * away[1] >= 0.0 else -1.0
-        return pivot, (sign * along[1] / length, -sign * along[0] / length), False
+        return _Turn(pivot, (sign * along[1] / length, -sign * along[0] / length)), False
     length = math.hypot(away[0], away[1])
-    return pivot, ((away[0] / length, away[1] / length) if length > 0.0 else (1.0, 0.0)), True
+    return _Turn(pivot, (away[0] / length, away[1] / length) if length > 0.0 else (1.0, 0.0)), True
 
 
 @inner

@@ -22,6 +22,7 @@ from toppling.models.errors import InputError
 from toppling.models.frames import plane_axes
 from toppling.models.relief import contact_feet_m
 from toppling.models.scene import Scene
+from toppling.models.support import TOPPLED_TILT_DEG
 
 LARGEST_OPEN_TILT_DEG = 75.0
 """Tilt beyond which a rock's fate is decided; points that touch only later are left out."""
@@ -36,9 +37,8 @@ _CORE_SHARE = 5e-6
 """Contact points are left out while the hull of the others stays within this share of R of the whole. Ten times as much
 takes every second corner from an arc of 32, over which the rock then rolls with too great a loss of energy."""
 
-_FALLING_FROM_DEG, _FALLING_CORE_SHARE = 25.0, 2e-3
-"""Of points that touch only beyond this tilt, where a rock that may still come back turns on few of them, so many are
-enough that the hull stays within the larger share: of a scanned rock a hundred instead of a thousand."""
+_FALLING_CORE_SHARE = 2e-3
+"""The same of points that touch only beyond the largest tilt of statics: a hundred of a scanned rock."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +160,7 @@ def _vertices_that_can_touch(points_m: Array, size_m: float) -> Array:
     onset[points_m[:, 2].argmin()] = 0.0
     order = np.argsort(onset, kind="stable")
     order = order[onset[order] <= LARGEST_OPEN_TILT_DEG]
-    rocking = onset[order] <= _FALLING_FROM_DEG
+    rocking = onset[order] <= TOPPLED_TILT_DEG
     near, far = order[rocking], order[~rocking]
     near = near[_extreme(points_m[near])]
     directions = _open_directions(hull)

@@ -11,7 +11,12 @@ from scipy.special import logsumexp
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.hidden_base.gap import Base, GapDraw, Relief, flat_log_likelihood, side_raised
-from toppling.models.hidden_base.observed import LEVEL_PER_WIDTH, ROUGH_LENGTH_PER_WIDTH, HiddenPart
+from toppling.models.hidden_base.observed import (
+    LEVEL_PER_WIDTH,
+    ROUGH_LENGTH_PER_WIDTH,
+    HiddenPart,
+    over_both,
+)
 from toppling.models.proportions import effective_number
 from toppling.models.scan.hints_file import FLAT, KINDS, ROUGH, ROUNDED
 
@@ -45,7 +50,7 @@ _CLOSED_STDS = 2.0
 
 def bowls(width_m: float) -> list[Relief]:
     """Priors of the gap below a rounded base."""
-    return [
+    return over_both(
         Relief(
             LEVEL_PER_WIDTH * width_m,
             shape * width_m,
@@ -57,7 +62,7 @@ def bowls(width_m: float) -> list[Relief]:
             slope=_ROUNDED_SLOPE,
         )
         for shape, length, powers in _ROUNDED_PER_WIDTH
-    ]
+    )
 
 
 def flat_draws(part: HiddenPart, base: Base, count: int) -> list[GapDraw]:
@@ -66,17 +71,18 @@ def flat_draws(part: HiddenPart, base: Base, count: int) -> list[GapDraw]:
     base: the smooth closing, for what hangs beyond the errors of the rim.
     """
     seen, width_m = part.observed, part.width_m
-    gap_m = np.maximum(base.grid.at(base.height_m, seen.places_m), seen.floor_m)
-    closed = seen.gap_m < _CLOSED_STDS * np.hypot(seen.std_m, seen.shared_m)
-    gap_m[seen.known[closed]] = 0.0
-    gap_m[seen.touching] = 0.0
     edge = Relief(
         0.0,
         _EDGE_PER_WIDTH * width_m,
         _EDGE_LENGTH_PER_WIDTH * width_m,
         _EDGE_ROUGH_PER_WIDTH * width_m,
         ROUGH_LENGTH_PER_WIDTH * width_m,
+        over_interface=True,
     )
+    gap_m = np.maximum(base.grid.at(base.height_m, seen.places_m) + seen.mean_m(edge), seen.floor_m)
+    closed = seen.gap_m < _CLOSED_STDS * np.hypot(seen.std_m, seen.shared_m)
+    gap_m[seen.known[closed]] = 0.0
+    gap_m[seen.touching] = 0.0
     likelihood = flat_log_likelihood(seen, edge)
     return [
         GapDraw(side_raised(gap_m, seen, number), likelihood, number, FLAT, likelihood)

@@ -51,6 +51,8 @@ class Relief:
     bowl_powers: tuple[float, ...] = (2.0, 4.0)
     # Standard deviation of the slope of the whole base: a round rock turns until it stands.
     slope: float = 0.0
+    # Of the base's height over the interface, from which the pedestal drops at its edge, not of that over the pedestal.
+    over_interface: bool = False
 
     def covariance(self, places_m: Array) -> Array:
         """Covariance (n, n) of the gaps at places (n, 2)."""
@@ -83,6 +85,13 @@ class BaseObservation:
     touching: Indices  # (k,): places where they are known to touch
     # (draws, n): how far each place lies beyond the rim of the draws on each line of the weight, where nobody saw it.
     beyond_m: Array | None = None
+    drop_m: Array | None = None  # (n,): how far below the interface the pedestal lies; nowhere if not given
+
+    def mean_m(self, relief: Relief) -> Array:
+        """Mean (n,) of the gap under a prior."""
+        if self.drop_m is None or not relief.over_interface:
+            return np.zeros(len(self.places_m))
+        return self.drop_m
 
     def on_base(self, number: int) -> Flags:
         """Which places (n,) lie on the base of the draws on a line of the weight."""
@@ -183,6 +192,7 @@ def _conditioned(
     prior = relief.covariance(observed.places_m)
     prior[np.diag_indices_from(prior)] += _JITTER * relief.level_m**2
     free = cholesky(prior, lower=True) @ random.normal(size=(len(prior), count))
+    free += observed.mean_m(relief)[:, None]
     known = np.concatenate([observed.known, observed.touching])
     target = np.concatenate([observed.gap_m, np.zeros(len(observed.touching))])
     if not len(known):
@@ -194,7 +204,8 @@ def _conditioned(
     cross = prior[:, known]
     fields = free + cross @ cho_solve(factor, target[:, None] - free[known] - noise)
     covariance = prior - cross @ cho_solve(factor, cross.T)
-    return fields.T, covariance, _rim_log_likelihood(observed, prior[np.ix_(known, known)], touching_m)
+    likelihood = _rim_log_likelihood(observed, relief, prior[np.ix_(known, known)], touching_m)
+    return fields.T, covariance, likelihood
 
 
 def flat_log_likelihood(observed: BaseObservation, edge: Relief) -> float:
@@ -204,10 +215,10 @@ def flat_log_likelihood(observed: BaseObservation, edge: Relief) -> float:
     """
     known = np.concatenate([observed.known, observed.touching])
     touching_m = np.full(len(observed.touching), _TOUCHING_PER_SHAPE * edge.shape_m)
-    return _rim_log_likelihood(observed, edge.covariance(observed.places_m[known]), touching_m)
+    return _rim_log_likelihood(observed, edge, edge.covariance(observed.places_m[known]), touching_m)
 
 
-def _rim_log_likelihood(observed: BaseObservation, prior: Array, touching_m: Array) -> float:
+def _rim_log_likelihood(observed: BaseObservation, relief: Relief, prior: Array, touching_m: Array) -> float:
     """How likely the seen rim is given the places known to touch, by their common prior, the rim's places first.
 
     Who looks for contacts finds them where they are: that there are some tells nothing of how likely a base is, but
@@ -217,7 +228,8 @@ def _rim_log_likelihood(observed: BaseObservation, prior: Array, touching_m: Arr
         return 0.0
     rim = _rim_errors(observed)
     joint = prior + block_diag(rim @ rim.T, np.diag(touching_m**2))
-    target = np.concatenate([observed.gap_m, np.zeros(len(touching_m))])
+    known = np.concatenate([observed.known, observed.touching])
+    target = np.concatenate([observed.gap_m, np.zeros(len(touching_m))]) - observed.mean_m(relief)[known]
     together = _log_density(target, cho_factor(joint, lower=True))
     if not len(touching_m):
         return together

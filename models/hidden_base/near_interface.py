@@ -39,14 +39,12 @@ def near_the_interface(rock: Array, pedestal: Array, height_m: float) -> tuple[F
     height_m : float
         Height of the rock.
     """
-    lit = np.abs(pedestal[:, 2]) < 0.5 * _RIMS_PER_HEIGHT[0] * height_m
     for share in _RIMS_PER_HEIGHT:
         low = rock[:, 2] < share * height_m
         low[low] = not_strays(rock[low])
         if low.sum() >= _ENOUGH:
             break
-    lit[lit] = not_strays(pedestal[lit], alone=6.0)
-    return low, lit
+    return low, not_strays(pedestal, alone=6.0)
 
 
 LEVELS = 24

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -55,6 +56,8 @@ _FLATTEST_RAY = 0.07
 """Tangent over the pedestal of the flattest ray (4 degrees) that lights it below a rock."""
 _NEIGHBOURS, _OF_SIDE = 5, 6
 """Points by which the pedestal, and a rock's side, are known at a place; the place's own point is one of them."""
+_FARTHER_OUT = 8
+"""So many times these points reach to where the pedestal's slope is taken."""
 _SMOOTHED_OVER = 10
 """Patches of a rock's side in whose plane each of them is taken."""
 _RIM_BORDER = 3.0
@@ -113,6 +116,15 @@ class Rim:
     std_m: Array
     shared_m: Array
     group: Indices
+    drop_m: Array  # (k,): of the pedestal below the interface
+    inward_m: Array  # (k,): over which it rises again to the interface, as it does farther out
+
+    def drop_at_m(self, places_m: Array) -> Array:
+        """How far (n,) the pedestal has dropped from the interface at places (n, 2), as at the nearest of the rim."""
+        if not len(self.drop_m):
+            return np.zeros(len(places_m))
+        away, nearest = cKDTree(self.places_m).query(places_m)
+        return self.drop_m[nearest] * np.maximum(1.0 - away / np.maximum(self.inward_m[nearest], 1e-9), 0.0)
 
 
 def hidden_part(
@@ -161,6 +173,7 @@ def hidden_part(
         floor,
         touching,
         under.beyond_m(places),
+        rim.drop_at_m(places),
     )
     adjacent = near.patches[~under.may_be_hidden.ravel()[grid.index(near.patches)]]
     side = _smoothed(clearances(adjacent, interface, pedestal))
@@ -210,23 +223,27 @@ def _seen_rim(under: Underside, low: Array, lit: Array, height_m: float) -> Rim:
     rim = _lowest_points(under, low)
     rim = rim[_spread(rim[:, :2], _MOST_RIM)]
     shown = cKDTree(lit[:, :2])
-    gap, adjacent = _gap_over(rim, lit, _BESIDE_PER_HEIGHT * height_m)
+    drop, slope, adjacent = _drop_below(rim, lit)
+    gap = rim[:, 2] + drop
     hangs = np.maximum(gap, 0.0)
     to_its_end = adjacent < _BESIDE_PER_HEIGHT * height_m + _BESIDE_PER_GAP * hangs
     end_std, off_m, steep, stray = _errors(rim, hangs, low)
     to_its_end[steep] &= _shows_below(under, rim[steep, :2], hangs[steep], shown, height_m)
     to_its_end |= ~steep  # a level underside that was seen is the underside there
-    std = np.hypot(end_std, off_m)
+    ground_std = np.sqrt((slope**2).mean()) * np.where(np.isfinite(adjacent), adjacent, 0.0)
+    std = np.hypot(np.hypot(end_std, off_m), ground_std)
     selected = ~stray if (~stray).sum() >= _LEAST_RIM else np.ones(len(rim), bool)
     shared = np.full(len(rim), np.sqrt((end_std[to_its_end] ** 2).mean()) if to_its_end.any() else 0.0)
-    # Of a rim that was not seen to its end the gap lies anywhere below what was seen.
-    half_unseen = np.maximum(UNSEEN_STD_SHARE * gap, std)
+    # A rim that was not seen to its end lies anywhere between the interface and where it was seen.
+    half_unseen = np.maximum(UNSEEN_STD_SHARE * rim[:, 2], std)
     return Rim(
         rim[selected, :2],
-        np.where(to_its_end, gap, 0.5 * gap)[selected],
+        np.where(to_its_end, gap, gap - 0.5 * rim[:, 2])[selected],
         np.where(to_its_end, std, half_unseen)[selected],
         np.where(to_its_end, shared, half_unseen)[selected],
         to_its_end.astype(np.intp)[selected],
+        drop[selected],
+        (np.abs(drop) / np.maximum(slope, 1e-9))[selected],
     )
 
 
@@ -249,16 +266,18 @@ def _gap_at_rim(rim: Rim, places: Array, reach_m: float) -> Array:
     return np.where(away < reach_m, np.maximum(least_m[nearest], 0.0), 0.0)
 
 
-def _gap_over(places: Array, lit: Array, reach_m: float) -> tuple[Array, Array]:
-    """Height (k,) of places (k, 3) over the pedestal where it shows within reach, else over the interface.
+def _drop_below(places: Array, lit: Array) -> tuple[Array, Array, Array]:
+    """How far (k,) below the interface the pedestal lies that shows nearest to each of some places (k, 3).
 
-    Second, how far (k,) it shows from each.
+    Second, its slope (k,) against the interface, between there and farther out. Third, how far (k,) it shows from each.
     """
-    if len(lit) < _NEIGHBOURS or not len(places):
-        return places[:, 2], np.full(len(places), np.inf)
-    away, nearest = cKDTree(lit[:, :2]).query(places[:, :2], _NEIGHBOURS)
-    below = lit[nearest, 2].mean(axis=1)
-    return places[:, 2] - np.where(away[:, 0] < reach_m, below, 0.0), away[:, 0]
+    if len(lit) < _NEIGHBOURS * _FARTHER_OUT or not len(places):
+        return np.zeros(len(places)), np.zeros(len(places)), np.full(len(places), np.inf)
+    away, nearest = cKDTree(lit[:, :2]).query(places[:, :2], _NEIGHBOURS * _FARTHER_OUT)
+    rings = (slice(_NEIGHBOURS), slice(-_NEIGHBOURS, None))
+    near_m, far_m = (lit[nearest[:, ring], 2].mean(axis=1) for ring in rings)
+    near_away_m, far_away_m = (away[:, ring].mean(axis=1) for ring in rings)
+    return -near_m, np.abs(far_m - near_m) / (far_away_m - near_away_m), away[:, 0]
 
 
 def _shows_below(under: Underside, places: Array, hangs: Array, shown: cKDTree, height_m: float) -> Flags:
@@ -307,7 +326,9 @@ def _outlined(under: Underside, height_m: float) -> Rim:
     at = under.grid.nodes_m[border]
     at = at[_spread(at, _MOST_RIM)]
     std = np.full(len(at), _OUTLINE_STD_PER_HEIGHT * height_m)
-    return Rim(at, np.zeros(len(at)), std, std, np.ones(len(at), np.intp))
+    return Rim(
+        at, np.zeros(len(at)), std, std, np.ones(len(at), np.intp), np.zeros(len(at)), np.zeros(len(at))
+    )
 
 
 def check_on_interface(inspection: Inspection, interface: Interface, height_m: float) -> None:
@@ -396,8 +417,8 @@ def _spread(places: Array, most: int) -> Indices:
 
 
 def reliefs(width_m: float) -> list[Relief]:
-    """Priors of the gap, from nearly flat to much bulged."""
-    return [
+    """Priors of the gap, from nearly flat to much bulged, and of the base over the interface."""
+    return over_both(
         Relief(
             LEVEL_PER_WIDTH * width_m,
             shape * width_m * max(1.0, length / _LONG_PER_WIDTH),
@@ -407,4 +428,12 @@ def reliefs(width_m: float) -> list[Relief]:
             _CURVATURE_PER_SHAPE * shape / width_m,
         )
         for shape, length, rough in product(_SHAPES_PER_WIDTH, _LENGTHS_PER_WIDTH, _ROUGH_PER_WIDTH)
-    ]
+    )
+
+
+def over_both(priors: Iterable[Relief]) -> list[Relief]:
+    """Priors of the gap, and the same of the base's height over the interface.
+
+    Where the pedestal drops around a rock, its base may follow, or end over an edge of it: the rim tells.
+    """
+    return [replace(prior, over_interface=over) for prior in priors for over in (False, True)]

@@ -55,7 +55,7 @@ def column():
 def few_candidates(monkeypatch):
     for name, number in (("CANDIDATES", 9), ("DRAWS", 12), ("MORE_ROUNDS", 2)):
         monkeypatch.setattr(unseen, name, number)
-    monkeypatch.setattr(unseen, "reliefs", lambda width_m: reliefs(width_m)[::4])
+    monkeypatch.setattr(unseen, "reliefs", lambda width_m: reliefs(width_m)[::9])
     monkeypatch.setattr(unseen, "bowls", lambda width_m: base_kinds.bowls(width_m)[:2])
     rounds = []
     once = unseen.flat_draws

@@ -9,6 +9,7 @@ import logging
 import math
 import time
 from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from itertools import repeat
 from pathlib import Path
@@ -25,7 +26,6 @@ from toppling.models.files.digest import read_table, write_table
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.imposing import impose
 from toppling.models.scene import Scene
-from toppling.orchestrator.processes import assets, pool_of
 from toppling.results.analysis.lognormal import fit
 from toppling.workers.engines import DEFAULT, ENGINES
 from toppling.workers.options import PHYSICS_VERSION, PRESETS, NumericalOptions
@@ -134,7 +134,7 @@ def answers(
     missing = [job for job in jobs if job not in known]
     for _ in range(len(jobs) - len(missing)):
         advance()
-    with pool_of(processes, stands, ensemble) as pool:
+    with ProcessPoolExecutor(processes, initializer=_begin, initargs=(stands, ensemble)) as pool:
         for job, row in zip(missing, pool.map(_shake, missing, repeat(setting)), strict=True):
             known[job] = row
             advance()
@@ -229,8 +229,16 @@ def _median_shift_std(said: pd.DataFrame, converged: pd.DataFrame) -> float:
     return math.sqrt(groups - 1) * float(np.std(shifts))
 
 
+_ASSETS: list[Any] = []
+"""Scene and ensemble that a process of the pool was started with."""
+
+
+def _begin(*assets: Any) -> None:
+    _ASSETS[:] = assets
+
+
 def _shake(job: Job, setting: Setting) -> _Row:
-    scene, ensemble = assets()
+    scene, ensemble = _ASSETS
     motion = impose(ensemble.record(job.record_id), job.pga_m_s2, job.azimuth_deg).motion
     if setting.plain_bullet:
         began_s = time.process_time()

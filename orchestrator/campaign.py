@@ -172,7 +172,7 @@ KEYS = (
     Key("scene", path, "a folder, relative to the file", "the rock on its pedestal"),
     Key("scenes", texts, "a list of folders, with wildcards, relative to the file",
         "instead of scene: many rocks", (), page="guide/atlas.md"),
-    Key("sites", lambda given, place: read_sites(path(given, place)), "a CSV or TOML file, relative to the file",
+    Key("sites", lambda given, place: read_sites(path(given, place)), "a CSV file, relative to the file",
         "instead of scene, or with scenes: a table of rocks", (), page="guide/atlas.md"),
     Key("ensemble", path, "a folder, relative to the file", "the records"),
     Key("pga_m_s2", axis(lambda pga: 0 < pga <= LARGEST_PGA_M_S2, _AS_RECORDED),

@@ -3,7 +3,6 @@
 import hashlib
 import os
 import platform
-from collections.abc import Collection
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -47,18 +46,6 @@ def processor() -> dict[str, str]:
     """Columns of a row that identify the processor's model and the kernels of BLAS and LLVM."""
     llvm = os.environ.get("NUMBA_CPU_NAME") or llvmlite.binding.get_host_cpu_name()
     return {"cpu": _model(), "kernels": f"BLAS {_blas_kernel()}, LLVM {llvm}"}
-
-
-def unlike(kernels: Collection[str]) -> str:
-    """Warning of a run on different kernels; empty where all are equal."""
-    names = sorted({name for name in kernels if name})
-    if len(names) < 2:
-        return ""
-    return (
-        f"the workers compute with unlike kernels ({'; '.join(names)}): rows repeat bit for bit on like machines only, "
-        "and near the threshold a last bit may flip a single answer (column kernels says which computed what). "
-        "OPENBLAS_CORETYPE and NUMBA_CPU_NAME choose one kernel for all"
-    )
 
 
 def _model() -> str:

@@ -14,7 +14,7 @@ from distributed import Client
 
 from toppling.orchestrator.dispatch import USUAL_LIMITS, Limits
 from toppling.orchestrator.plan import Plan, Rows
-from toppling.orchestrator.task import RunKey
+from toppling.orchestrator.task import RunKey, process_name
 
 
 class RunError(RuntimeError):
@@ -27,7 +27,6 @@ class RunProgress:
 
     total: int  # jobs of the plan
     before: int  # jobs with a row when this session began, except those to repeat
-    again: int = 0  # jobs to repeat whose new row is not stored yet
     what: str = "shaking"  # current activity
     done: int = 0
     stored: int = 0
@@ -62,7 +61,7 @@ class RunProgress:
 
     def summary(self) -> dict[str, Any]:
         """State for JSON."""
-        names = ("done", "stored", "total", "again", "toppled", "failed", "workers", "deaths")
+        names = ("done", "stored", "total", "toppled", "failed", "workers", "deaths")
         return {**{name: getattr(self, name) for name in names}, "elapsed_s": round(self.elapsed_s, 1)}
 
     def count(self, rows: pa.Table) -> None:
@@ -97,7 +96,8 @@ class Work:
         """Run key of each scene, which a worker checks before it does jobs."""
         return [
             RunKey(
-                str(self.folder), rock.scene_id, rock.ensemble_id, self.versions, rock.scene_place, rock.ensemble_place
+                str(self.folder), rock.scene_id, rock.ensemble_id, self.versions, rock.scene_place, rock.ensemble_place,
+                process_name(), self.limits.job_s,
             )
             for rock in self.planned.scenes
         ]  # fmt: skip

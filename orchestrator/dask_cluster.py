@@ -20,7 +20,6 @@ from distributed import Client, Future, KilledWorker, SpecCluster
 from distributed.deploy.adaptive import Adaptive
 
 from toppling.models.errors import InputError
-from toppling.orchestrator.code_identity import unlike
 from toppling.orchestrator.compiling import COMPILING
 from toppling.orchestrator.context import Answer, RunError
 from toppling.orchestrator.delivery import NotDeliveredError, StorageError, pieces
@@ -28,7 +27,7 @@ from toppling.orchestrator.dispatch import USUAL_LIMITS
 from toppling.orchestrator.interrupt import held_back
 from toppling.orchestrator.leaving import announced_exit, let_leave_in_order
 from toppling.orchestrator.local_workers import LocalWorkers
-from toppling.orchestrator.task import RunKey, UnfitWorkerError, check, is_compiling, must_compile
+from toppling.orchestrator.task import RunKey, UnfitWorkerError, check, must_compile
 
 log = logging.getLogger(__name__)
 
@@ -59,8 +58,6 @@ CLOSED = "--no-dashboard --dashboard-address 127.0.0.1:0"
 """Options of a Dask worker without dashboard, which has no authentication."""
 _WARN_AFTER_S = 60.0
 """Time without workers before a warning, s."""
-_ANSWER_S = 5.0
-"""Time that a worker has to say whether it compiles, s."""
 
 
 def may_be_lost(error: BaseException) -> bool:
@@ -134,8 +131,6 @@ def check_workers(client: Client, *run_keys: RunKey, tell: Callable[[str], objec
             expected="the client's versions, and a folder in which each host can keep what it is sent",
             remedy="install the same toppling everywhere; name a folder that workers can write with TOPPLING_CACHE",
         )
-    if remark := unlike([answer for answer in answers.values() if isinstance(answer, str)]):
-        log.warning("%s", remark)
 
 
 def deliver(client: Client, lacking: Iterable[NotDeliveredError], run_keys: Iterable[RunKey]) -> str:
@@ -236,18 +231,6 @@ class DaskCluster:
             elif isinstance(self._cluster, LocalWorkers):
                 remedy = "they may still compile; run.log has the reason of each death"
             log.warning("no worker has joined for %g s at %s: %s", _WARN_AFTER_S, address, remedy)
-
-    def replace(self, workers: Sequence[str]) -> None:
-        """Restart workers that hang, without waiting for it."""
-        if isinstance(self._cluster, LocalWorkers):
-            there = self._client.scheduler_info(n_workers=-1)["workers"]
-            for worker in set(workers) & there.keys():
-                self._cluster.workers[there[worker]["name"]].kill()
-            return
-        loop = self._client.loop
-        assert loop is not None  # as long as the client is open
-        # On the client's loop the call does not block.
-        loop.add_callback(self._client.restart_workers, list(workers), raise_for_error=False)
 
     def gone(self) -> list[str]:
         """Batch jobs that have ended, with all their workers."""
@@ -357,19 +340,6 @@ class DaskCluster:
     def threads(self) -> int:
         """Number of threads of all workers."""
         return sum(self._client.nthreads().values())
-
-    def processing(self) -> set[tuple[str, str]]:
-        """Pairs of a worker and a key that it is processing."""
-        at_hand = self._client.processing().items()
-        return {(worker, str(key[-1])) for worker, keys in at_hand for key in keys if isinstance(key, tuple)}
-
-    def compiling(self, workers: Sequence[str]) -> set[str]:
-        """Those of some workers that compile at the moment; a worker that hangs does not answer."""
-        asked = self._client.run(is_compiling, workers=list(workers), on_error="return", asynchronous=True)
-        with suppress(TimeoutError, OSError, KeyError, ValueError):  # of workers that are gone
-            answers = self._client.sync(asyncio.wait_for, asked, _ANSWER_S)
-            return {worker for worker, answer in answers.items() if answer is True}
-        return set()
 
     def dismiss(self, worker: str) -> None:
         """Remove a worker from the cluster."""

@@ -32,7 +32,7 @@ _LAST_FRACTION = 0.2
 class Limits:
     """Limits beyond which a job is given up."""
 
-    # Wall time of a job after which its worker is considered to hang, and is replaced.
+    # Wall time of a job after which its worker counts as hanging, and ends itself.
     job_s: float = 300.0
     # Number of workers that may die under a job that runs alone: a job that crashes the engine always kills its
     # worker, whereas unrelated losses, such as of a node, rarely hit the same job repeatedly.
@@ -40,16 +40,6 @@ class Limits:
 
 
 USUAL_LIMITS = Limits()
-
-
-def why_given_up(limits: Limits, hung: int) -> tuple[str, str]:
-    """Status and message of a job whose worker hung in `hung` of its lone tries, and died in the others."""
-    slow, tries = f"took more than {limits.job_s:g} s", limits.tries
-    if hung == tries:
-        return "timeout", f"{slow} in each of {tries} lone tries"
-    if not hung:
-        return "crashed", f"its worker process died in each of {tries} lone tries"
-    return "crashed", f"of {tries} lone tries {tries - hung} ended with its worker's death, {hung} {slow}"
 
 
 @dataclass(frozen=True)
@@ -83,7 +73,6 @@ class Dispatch:
         self._suspects: deque[int] = deque()
         self._attempts: dict[int, int] = {}
         self._deaths: Counter[int] = Counter()
-        self.hung: Counter[int] = Counter()  # deaths of each job's workers that were due to hanging
         self._waiting = len(pending)
         self._duration_s = duration_s
         self._last = int(_LAST_FRACTION * len(pending))  # of them as yet in the order given
@@ -128,14 +117,13 @@ class Dispatch:
             self._segments.appendleft(rest)
             self._waiting += len(rest)
 
-    def died(self, batch: Batch, *, hung: bool = False) -> int | None:
+    def died(self, batch: Batch) -> int | None:
         """Record that a batch's worker died; returns the job that is thereby given up, if any."""
         for job in batch.jobs:
             self._attempts[job] = batch.attempt + 1
         if batch.alone:
             (job,) = batch.jobs
             self._deaths[job] += 1
-            self.hung[job] += hung
             if self._deaths[job] >= self._tries:
                 return job
         self._suspects.extend(batch.jobs)

@@ -15,7 +15,7 @@ import pyarrow.compute as pc
 from toppling.orchestrator.answers import Asked
 from toppling.orchestrator.context import Answer, JobSelection, RunError, RunProgress, Work
 from toppling.orchestrator.dask_cluster import DaskCluster, may_be_lost
-from toppling.orchestrator.dispatch import FIRST_JOBS, Batch, Dispatch, why_given_up
+from toppling.orchestrator.dispatch import FIRST_JOBS, Batch, Dispatch
 from toppling.orchestrator.interrupt import held_back
 from toppling.orchestrator.journal import log_event
 from toppling.orchestrator.plan import Rows
@@ -40,7 +40,7 @@ _WAIT_S = 0.5
 _LEAST_JOB_S = 2e-4
 """Overhead of a job on a worker besides its shake, s."""
 _LOOK_S = 2.0
-"""Interval between checks of the number of threads and of overdue batches, s."""
+"""Interval between checks of the number of threads, s."""
 _FLUSH_S = (5.0, 60.0)
 """Minimum and maximum interval between part files, s; it grows during the run, so that a weekend makes few thousand."""
 Task = Callable[[RunKey, Mapping[str, Any], pa.Table, float], pa.Table]
@@ -62,15 +62,14 @@ def work_off(selection: JobSelection, work: Work, merge: Callable[[], set[str]])
 
     merge: merges the rows of a complete run, and returns the jobs that have one.
     """
-    progress, redo = work.progress, work.redo
+    progress = work.progress
     sent: set[int] = set()
     in_vain = 0
     while True:
-        finished = finished_ids(work.folder, work.planned.ids, redo)
-        if not len(pending := selection.pending(finished)):
-            finished = merge()
-            pending = selection.pending(finished)
-        progress.total, progress.again = len(selection), len(redo.keys() - finished)
+        pending = selection.pending(finished_ids(work.folder, work.planned.ids, work.redo))
+        if not len(pending):
+            pending = selection.pending(merge())
+        progress.total = len(selection)
         if not len(pending):
             return
         progress.what = selection.what
@@ -103,8 +102,6 @@ class Execution:
         self.tasks = 0  # number of submitted tasks
         self._room = FIRST_JOBS
         self._looked = -math.inf
-        self._since: dict[tuple[str, str], float] = {}
-        self._overdue: set[str] = set()
         self._flying: dict[str, Batch] = {}
         self._unstored: list[pa.Table] = []
         self._flushed = -math.inf  # the first rows are stored immediately
@@ -181,7 +178,7 @@ class Execution:
             for place, problem in wrong.items():
                 self._distrust(batch.jobs[place], batch, problem)
             done = len(rows) + len(wrong)
-        elif answer.kind == "died" or (answer.kind == "left" and answer.key in self._overdue):
+        elif answer.kind == "died":
             self._take_death(answer, batch)
             done = len(batch.jobs)
         elif answer.kind == "left":
@@ -200,13 +197,13 @@ class Execution:
         del self._flying[answer.key]
 
     def _take_death(self, answer: Answer, batch: Batch) -> None:
-        hung = answer.key in self._overdue
         self.progress.deaths += 1
         details = {"worker": answer.worker, "alone": batch.alone, "attempt": batch.attempt}
-        how = "hung" if hung else "died"
-        log.warning("a worker %s with %d jobs at hand", how, len(batch.jobs), extra={"fields": details})
-        if (lost := self.dispatch.died(batch, hung=hung)) is not None:
-            self._give_up(lost, batch)
+        log.warning("a worker died with %d jobs at hand", len(batch.jobs), extra={"fields": details})
+        if (lost := self.dispatch.died(batch)) is not None:
+            limits = self.work.limits
+            why = f"its worker process died, or took more than {limits.job_s:g} s, in each of {limits.tries} lone tries"
+            self._give_up(lost, batch, "crashed", why)
 
     def _dismiss(self, worker: str, why: object) -> None:
         log.warning("%s; it is sent away", why)
@@ -219,18 +216,16 @@ class Execution:
         """Retry a job with an invalid row alone, or give it up."""
         log.warning("a worker's row of job %s does not answer it: %s", self.plan.spec(job).job_id, problem)
         if self.dispatch.died(Batch((job,), batch.attempt, batch.alone)) is not None:
-            self._give_up(job, batch, f"a worker's row does not answer it: {problem}")
+            self._give_up(job, batch, "failed", f"a worker's row does not answer it: {problem}")
 
-    def _give_up(self, job: int, batch: Batch, problem: str = "") -> None:
-        why = why_given_up(self.work.limits, self.dispatch.hung[job])
-        status, message = ("failed", problem) if problem else why
+    def _give_up(self, job: int, batch: Batch, status: str, message: str) -> None:
         spec = self.plan.spec(job)
         details = {"job_id": spec.job_id, "record_id": spec.record_id, "status": status}
         log.warning("job %s of record %s: %s, %s", *details.values(), message, extra={"fields": details})
         self._keep(table_of([lost_row(spec, status, message)]), batch.attempt)
 
     def _look(self) -> None:
-        """Update the number of threads, and replace workers that hang."""
+        """Update the number of threads."""
         now = time.monotonic()
         if now - self._looked < _LOOK_S:
             return
@@ -240,20 +235,6 @@ class Execution:
         if workers != self.progress.workers:
             log_event("workers changed", workers=workers, before=self.progress.workers)
         self.progress.workers = workers
-        self._since = {pair: self._since.get(pair, now) for pair in self.cluster.processing()}
-        patience_s = self._budget_s + self.work.limits.job_s
-        late = {pair for pair, since in self._since.items() if now - since > patience_s}
-        if late and (compiling := self.cluster.compiling([worker for worker, _ in late])):
-            compiling_too = {pair for pair in late if pair[0] in compiling}
-            self._since |= dict.fromkeys(compiling_too, now)
-            late -= compiling_too
-        if late:
-            self._overdue |= {key for _, key in late}
-            for pair in late:
-                del self._since[pair]
-            hanging = sorted({worker for worker, _ in late})
-            log.warning("no answer for %g s from %s: replaced", self.work.limits.job_s, ", ".join(hanging))
-            self.cluster.replace(hanging)
 
     def _keep(self, rows: pa.Table, attempt: int) -> None:
         self.progress.count(rows)
@@ -273,8 +254,6 @@ class Execution:
             rows = pa.concat_tables(self._unstored).combine_chunks()
             write_part(self.work.store or self.work.folder, rows)
             self.progress.stored += len(rows)
-            if self.work.redo:
-                self.progress.again -= sum(job in self.work.redo for job in rows["job_id"].to_pylist())
             self._unstored = []
             log_event("rows stored", **self.progress.summary())
             self._flushed = time.monotonic()

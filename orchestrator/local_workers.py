@@ -137,7 +137,12 @@ class _LocalWorker(ProcessInterface):
 
 
 def _why(code: int, errors: str, out_of_memory: bool) -> str:
-    last = next((line.strip() for line in reversed(errors.splitlines()) if line.strip()), "")
+    lines = [line.strip() for line in errors.splitlines() if line.strip()]
+    if hung := [
+        line for line in lines if line.startswith("Timeout (")
+    ]:  # by `faulthandler`, before the stack
+        return f"a job took longer than it may: {hung[-1]}"
+    last = lines[-1] if lines else ""
     if code < 0:
         name = signal.Signals(-code).name
         cause = ", as the system ran out of memory" if out_of_memory else ""

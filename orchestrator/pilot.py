@@ -5,19 +5,16 @@ import math
 import os
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 
 import numpy as np
 
-from toppling.models.errors import InputError
 from toppling.models.frames import STANDARD_GRAVITY_M_S2
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
-from toppling.orchestrator.plan import Plan, expected_s, plan_of
-from toppling.orchestrator.processes import assets, pool_of
+from toppling.orchestrator.plan import Plan, expected_s
 from toppling.orchestrator.progress import duration
-from toppling.orchestrator.rocks_of_run import AZIMUTHS_DEG, settlings_of
+from toppling.orchestrator.rocks_of_run import AZIMUTHS_DEG, Settlings
 from toppling.workers.job import Assets, JobSpec, run_job
 from toppling.workers.seating import settled
 
@@ -156,11 +153,11 @@ def timed_jobs(pending: int) -> int:
     return min(_TIMED_JOBS, math.isqrt(pending))
 
 
-def words_of(estimated: TimeEstimate | None, jobs: int, workers: int | None) -> str:
-    """Sentence on the expected duration of jobs on some workers, or on the local cores."""
+def words_of(estimated: TimeEstimate | None, jobs: int) -> str:
+    """Sentence on the expected duration of jobs on one worker and on the local cores."""
     if estimated is None:
-        return f"how long the {jobs:,} jobs take is not known: those that were timed ended this machine's process"
-    count = workers or os.cpu_count() or 1
+        return f"how long the {jobs:,} jobs take is not known: none could be timed"
+    count = os.cpu_count() or 1
     if (wall_s := estimated.work_s / count) < _BRIEF_S:
         on = f"on {count} workers" if count > 1 else "on 1 worker"
         return f"{jobs:,} jobs are expected to take less than a minute {on} ({estimated.timed} timed)"
@@ -171,51 +168,34 @@ def words_of(estimated: TimeEstimate | None, jobs: int, workers: int | None) -> 
 
 
 def estimate(planned: Plan) -> TimeEstimate | None:
-    """Time some jobs of a plan (for an atlas, of a few rocks), and extrapolate to all.
-
-    Returns TimeEstimate or None: None where there are no jobs, and where they cannot be done here.
-    """
-    if planned.campaign.sites:
-        return _by_few_rocks(planned)
-    if not len(planned):
-        return None
-    assets_here = Assets(Scene.load(planned.campaign.scene), Ensemble.load(planned.campaign.ensemble))
-    chosen = planned.order[: timed_jobs(len(planned))]  # whose every beginning is a balanced sample
+    """Time some jobs of a plan (of an atlas, of a few rocks), and extrapolate to all; None where none can be timed."""
+    timed: list[int] = []
     cost_s: list[float] = []
-    try:
-        with pool_of(1, assets_here) as pool:
-            # The first job includes computations done once per process, and is timed again.
-            pool.submit(_timed_s, planned.spec(int(chosen[0]))).result()
-            end = time.monotonic() + _TIMED_S
-            for row in chosen:
-                cost_s.append(pool.submit(_timed_s, planned.spec(int(row))).result())
-                if time.monotonic() > end:
-                    break
-    except BrokenProcessPool:
+    every = math.ceil(len(planned.scenes) / _ROCKS_TIMED)
+    for number, scene in [*enumerate(planned.scenes)][::every]:
+        rows = planned.order[planned.columns["scene_id"][planned.order] == number]
+        rock = Scene.load(scene.campaign.scene)
+        if not len(rows) or Settlings.of(scene.campaign, rock).problems:
+            continue  # jobs of a rock that does not stand cost nothing
+        assets = Assets(rock, Ensemble.load(scene.campaign.ensemble))
+        chosen = rows[: timed_jobs(len(rows))].tolist()  # every beginning of the order is a balanced sample
+        _timed_s(planned.spec(chosen[0]), assets)  # includes computations done once, and is timed again
+        end = time.monotonic() + _TIMED_S
+        for row in chosen:
+            cost_s.append(_timed_s(planned.spec(row), assets))
+            timed.append(row)
+            if time.monotonic() > end:
+                break
+    if not timed:
         return None
     # The cost of jobs is about proportional to the durations of records, which corrects a biased sample.
     duration_s = planned.columns["duration_s"]
-    timed_s = duration_s[chosen[: len(cost_s)]]
-    longer, sampled = (expected_s(float(of.mean()), 1) for of in (duration_s, timed_s))
-    return TimeEstimate(float(np.mean(cost_s)) * len(planned) * longer / sampled, len(cost_s))
+    longer, sampled = (expected_s(float(of.mean()), 1) for of in (duration_s, duration_s[timed]))
+    return TimeEstimate(float(np.mean(cost_s)) * len(planned) * longer / sampled, len(timed))
 
 
-def _by_few_rocks(planned: Plan) -> TimeEstimate | None:
-    found = []
-    for scene in planned.scenes[:: math.ceil(len(planned.scenes) / _ROCKS_TIMED)]:
-        alone = plan_of(scene.campaign)
-        with contextlib.suppress(InputError):  # jobs of a rock that does not stand cost nothing
-            settlings_of(alone)[0].checked()
-            if (estimated := estimate(alone)) is not None:
-                found.append((estimated, len(alone)))
-    if not found:
-        return None
-    job_s = sum(estimated.work_s for estimated, _ in found) / sum(jobs for _, jobs in found)
-    return TimeEstimate(job_s * len(planned), sum(estimated.timed for estimated, _ in found))
-
-
-def _timed_s(spec: JobSpec) -> float:
+def _timed_s(spec: JobSpec, assets: Assets) -> float:
     began = time.perf_counter()
     with contextlib.suppress(Exception):  # a failing job has a cost too
-        run_job(spec, *assets())
+        run_job(spec, assets)
     return time.perf_counter() - began

@@ -72,7 +72,7 @@ def run(
             redo = attempts_with(folder, again) if again else {}
             if selection is planned:  # a run with a target may be resumed for all of its jobs
                 set_jobs(folder, len(planned))
-            progress = RunProgress(len(selection), len(finished - redo.keys()), len(redo))
+            progress = RunProgress(len(selection), len(finished - redo.keys()))
             begun = _Session(planned, folder, notes, selection, redo, progress)
             begun.carry_out(cluster, watch, limits, [Weighing(run), *stages], finished)
         except BaseException as error:

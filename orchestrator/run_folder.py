@@ -1,7 +1,6 @@
 """Folder of a run: everything needed to repeat it, created atomically, with one writer at a time."""
 
 import contextlib
-import dataclasses
 import fcntl
 import os
 import shutil
@@ -336,18 +335,14 @@ def _campaign_differs(run: Path, plan: "Plan", described: Mapping[str, Any]) -> 
     except (OSError, InputError):
         return ""
     here = tomllib.loads(plan.campaign.to_toml(stood=there.get("stood", [])))
-    # A key that an earlier version did not write is no difference, unless it has no default.
-    unwritten = {field.name for field in dataclasses.fields(plan.campaign) if field.default is None}
-    compared = [name for name in {**there, **here} if name in unwritten or (name in there and name in here)]
-    differing = [name for name in compared if there.get(name) != here.get(name) and name not in _ASKED]
-    values = [
-        ", here ".join(shown(campaign.get(name, "not given")) for campaign in (there, here))
-        for name in differing
-    ]
+    differing = "".join(
+        f"; its {name}: {shown(there.get(name, 'not given'))}, here {shown(here.get(name, 'not given'))}"
+        for name in {**there, **here}
+        if there.get(name) != here.get(name) and name not in _ASKED
+    )
     content = {"scene": plan.scene_id, "ensemble": plan.ensemble_id}
     other = [name for name, own in content.items() if described.get(f"{name}_id", own) != own]
-    changed = f"; its {' and '.join(other)} had another content" if other else ""
-    return "".join(f"; its {name}: {value}" for name, value in zip(differing, values, strict=True)) + changed
+    return differing + (f"; its {' and '.join(other)} had another content" if other else "")
 
 
 def _refuse_links(run: Path, places: Iterable[Path]) -> None:

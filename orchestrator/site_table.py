@@ -5,7 +5,7 @@ import io
 import re
 import tempfile
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path
@@ -92,13 +92,11 @@ class Site:
     friction: float | None = None
 
 
-_no_rocks = refusals(
-    expected="a table of rocks, CSV or TOML", remedy="correct the path, or save the table as CSV"
-)
+_no_rocks = refusals(expected="a table of rocks (CSV)", remedy="correct the path, or save the table as CSV")
 
 
 def read_sites(given: Path) -> tuple[Site, ...]:
-    """Rocks of a table, CSV or TOML (`[[rock]]` for each).
+    """Rocks of a table.
 
     Raises InputError if a column is unknown, a value out of its range, a rock named twice, or a location incomplete.
     """
@@ -108,58 +106,31 @@ def read_sites(given: Path) -> tuple[Site, ...]:
     return _distinct_rocks(sites, str(given))
 
 
-def _rows(given: Path) -> Iterable[dict[str, Any]]:
-    if given.suffix.lower() == ".toml":
-        content = documents.read_toml(given, _no_rocks)
-        rows: Any = content.get("rock")
-        sound = isinstance(rows, list) and all(isinstance(row, dict) for row in rows)
-        if not sound or set(content) != {"rock"}:
-            raise Place(str(given)).wrong(
-                "rocks.none_listed", "no list of rocks", "a table [[rock]] for each", "correct the file"
-            )
-        return rows
-    return _rows_of_csv(given)
-
-
-def _rows_of_csv(given: Path) -> Iterable[dict[str, Any]]:
+def _rows(given: Path) -> Iterator[dict[str, Any]]:
     table = Table.read(given, _no_rocks)
-    cells = [{column: cell for column, cell in enumerate(row) if cell} for _, row in table.rows]
-    written = {column: name.casefold() for column, name in cells[0].items()} if cells else {}
-    names = {column: _SHORT.get(name, name) for column, name in written.items()}
-    in_unit = {n: name.replace("age", "") for n, name in names.items() if "age" in name and unit_years(name)}
-    names |= dict.fromkeys(in_unit, "age")
-    if "scene" not in names.values():
-        header = documents.shown(", ".join(written.values()))
+    written = [name.casefold() for name in table.names]
+    units = [name.replace("age", "") if "age" in name and unit_years(name) else "" for name in written]
+    names = ["age" if unit else _SHORT.get(name, name) for name, unit in zip(written, units, strict=True)]
+    if "scene" not in names:
+        header = documents.shown(", ".join(written))
         raise Place(str(given)).wrong(
             "rocks.no_scene_column",
             f"no column 'scene' in its first line, {header}",
             "a header such as scene,site,age",
             "put it above the rocks",
         )
-    if twice := [name for name, count in Counter(names.values()).items() if count > 1]:
+    if twice := [name for name, count in Counter(names).items() if count > 1]:
         raise Place(str(given)).wrong(
             "rocks.column_repeated",
             f"the column {documents.shown(twice[0])} twice",
             "each column once",
             "remove one",
         )
-    for count, row in enumerate(cells[1:], 1):
-        if beyond := [cell for column, cell in row.items() if column not in names]:
-            remedy = "name its column, or write decimal points, or separate cells by semicolons"
-            raise Place(f"{given}, rock {count}").wrong(
-                "rocks.cell_unnamed",
-                f"{documents.shown(beyond[0])} in a column without a name",
-                "a cell for each column",
-                remedy,
-            )
-    return (
-        {
-            names[column]: _of_cell(names[column], cell, in_unit.get(column, ""))
-            for column, cell in row.items()
-            if names[column] not in _REMARKS
+    for _, row in table.whole_rows(_no_rocks):
+        cells = zip(names, row, units, strict=True)
+        yield {
+            name: _of_cell(name, cell, unit) for name, cell, unit in cells if cell and name not in _REMARKS
         }
-        for row in cells[1:]
-    )
 
 
 def _of_cell(name: str, text: str, unit: str) -> Any:
@@ -281,16 +252,21 @@ _IMPORTED: list[tempfile.TemporaryDirectory] = []
 """Temporary folders, deleted at the end of the process."""
 
 
-@cache
-def _imported(source: Path, station: str | None) -> Path:
+def temporary_ensemble(records: Sequence[Record]) -> Path:
+    """Write records to an ensemble, which is deleted at the end of the process, and return its folder."""
     _IMPORTED.append(tempfile.TemporaryDirectory(prefix="toppling-"))
     folder = Path(_IMPORTED[-1].name)
-    Ensemble.write(folder, _of_station(seismograms_in(source), station, source))
+    Ensemble.write(folder, records)
     return folder
 
 
+@cache
+def _imported(source: Path, station: str | None) -> Path:
+    return temporary_ensemble(_of_station(_seismograms_in(source), station, source))
+
+
 @lru_cache(maxsize=1)
-def seismograms_in(source: Path) -> tuple[Record, ...]:
+def _seismograms_in(source: Path) -> tuple[Record, ...]:
     """Records of a file, a folder of files, or an ensemble; InputError if there are none."""
     from toppling.models.motions.importing import ImportOptions, import_records, record_files
 

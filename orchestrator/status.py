@@ -49,7 +49,7 @@ def state_of(run: Path) -> dict[str, Any]:
         "state": "running" if running else "complete" if stored == jobs else "interrupted",
         "writer": writer_of(run) if running else "",
         "unfinished": Completeness(jobs, stored, 0 if running else rows_stored(described)).remark,
-        "jobs": jobs, "stored": stored, "again": event.get("again", 0), "toppled": pc.sum(rows["toppled"]).as_py() or 0,
+        "jobs": jobs, "stored": stored, "toppled": pc.sum(rows["toppled"]).as_py() or 0,
         "failed": stored - status.get("ok", 0), "status": status,
         "failures": _failures(rows.filter(pc.not_equal(rows["status"], "ok"))), "rate_per_s": None, "left_s": None,
         "workers": event.get("workers"), "deaths": event.get("deaths"), "sessions": sessions,
@@ -57,8 +57,7 @@ def state_of(run: Path) -> dict[str, Any]:
     state["audit"], state["audit_sentences"] = _audited(run)
     state["stood"], state["stood_sentences"] = _weighted(run)
     state["statements"], state["statement_sentences"] = _stated(run)
-    # Jobs to repeat have rows, so the number of rows does not give the remaining work.
-    if running and stored < jobs and not state["again"]:
+    if running and stored < jobs:
         state["rate_per_s"], state["left_s"] = _pace(rows, jobs)
     return state
 

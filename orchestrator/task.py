@@ -1,13 +1,16 @@
 """Tasks of a worker: load a run's scene and ensemble once, then shake job after job."""
 
 import asyncio
+import faulthandler
 import logging
+import math
 import os
 import platform
 import socket
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import lru_cache
@@ -35,9 +38,6 @@ log = logging.getLogger(__name__)
 
 _ENGINE_LOCK = threading.Lock()
 """Lock of the engine, which is single per process: jobs of workers with several threads must wait for it."""
-
-_COMPILING = threading.Event()
-"""Set while this process compiles, or waits for another one of its machine that does."""
 
 Row = dict[str, Any]
 
@@ -70,6 +70,8 @@ class RunKey:
     # Paths of scene and ensemble in the run's folder.
     scene_place: str = "scene"
     ensemble_place: str = "ensemble"
+    client: str = ""  # host and process of the client
+    limit_s: float = math.inf  # wall time of a job after which its worker counts as hanging
 
 
 def versions(*engines: str) -> tuple[tuple[str, str], ...]:
@@ -116,13 +118,9 @@ def _check_versions(there: tuple[tuple[str, str], ...]) -> None:
     ]
     if differing:
         raise _unfit("; ".join(differing))
-    _COMPILING.set()
-    try:
-        compile_once()
-        if not is_compiled():  # it cannot be cached
-            shake_a_block()
-    finally:
-        _COMPILING.clear()
+    compile_once()
+    if not is_compiled():  # it cannot be cached
+        shake_a_block()
 
 
 @lru_cache(maxsize=1)
@@ -171,14 +169,14 @@ def shake_batch(run_key: RunKey, settings: Mapping[str, Any], jobs: pa.Table, bu
     Raises as :func:`_assets_of`.
     """
     assets = _assets_of(run_key)
-    end = time.perf_counter() + budget_s
     rows: list[Row] = []
-    for job in jobs.to_pylist():
-        job_id, sha = job.pop("job_id"), assets.ensemble.sha(job["record_id"])
-        spec = JobSpec(scene_id=run_key.scene_id, record_sha=sha, **job, **settings)
-        if spec.job_id != job_id:
-            raise _unfit(f"job {job_id} is {spec.job_id} here")
-        with _ENGINE_LOCK:
+    with _ENGINE_LOCK, _ended_if_it_hangs(run_key, budget_s + run_key.limit_s):
+        end = time.perf_counter() + budget_s
+        for job in jobs.to_pylist():
+            job_id, sha = job.pop("job_id"), assets.ensemble.sha(job["record_id"])
+            spec = JobSpec(scene_id=run_key.scene_id, record_sha=sha, **job, **settings)
+            if spec.job_id != job_id:
+                raise _unfit(f"job {job_id} is {spec.job_id} here")
             try:
                 row = run_job(spec, assets)
             except OSError as error:  # a disk or a limit of this machine: another worker may succeed
@@ -186,15 +184,24 @@ def shake_batch(run_key: RunKey, settings: Mapping[str, Any], jobs: pa.Table, bu
             except Exception as error:  # a failed job is a row, and must not stop the run
                 log.exception("job %s failed", spec.job_id)
                 row = lost_row(spec, "failed", f"{type(error).__name__}: {error}")
-        rows.append({**row, **processor(), "worker": _name(), "finished_at": datetime.now(UTC)})
-        if time.perf_counter() >= end or LEAVING.is_set():
-            break
+            rows.append({**row, **processor(), "worker": process_name(), "finished_at": datetime.now(UTC)})
+            if time.perf_counter() >= end or LEAVING.is_set():
+                break
     return table_of(rows)
 
 
-def is_compiling() -> bool:
-    """Whether this worker compiles, or waits for another one of its machine that does."""
-    return _COMPILING.is_set()
+@contextmanager
+def _ended_if_it_hangs(run_key: RunKey, limit_s: float) -> Iterator[None]:
+    """End this process, with its stack in its log, if the block takes longer; not where it is the client's own."""
+    if run_key.client == process_name() or limit_s == math.inf:
+        yield
+        return
+    # Also where compiled code neither returns nor lets another thread of Python run.
+    faulthandler.dump_traceback_later(limit_s, exit=True, file=2)
+    try:
+        yield
+    finally:
+        faulthandler.cancel_dump_traceback_later()
 
 
 def must_compile() -> bool:
@@ -202,8 +209,8 @@ def must_compile() -> bool:
     return not is_compiled()
 
 
-async def check(run_key: RunKey) -> str:
-    """Load the run's assets, and return the name of this machine's kernels.
+async def check(run_key: RunKey) -> None:
+    """Load the run's assets.
 
     In a separate thread, so that a worker that compiles or waits stays connected to its scheduler.
 
@@ -215,7 +222,6 @@ async def check(run_key: RunKey) -> str:
     single_blas_thread()
     pa.set_memory_pool(pa.system_memory_pool())  # Arrow's pool would retain 50 MB after reading records
     await asyncio.to_thread(_assets_of, run_key)
-    return processor()["kernels"]
 
 
 def lost_row(spec: JobSpec, status: str, message: str) -> Row:
@@ -224,7 +230,7 @@ def lost_row(spec: JobSpec, status: str, message: str) -> Row:
 
 
 def _unfit(what: str) -> UnfitWorkerError:
-    return UnfitWorkerError(f"worker {_name()}: {what}", _address())
+    return UnfitWorkerError(f"worker {process_name()}: {what}", _address())
 
 
 def _address() -> str | None:
@@ -235,5 +241,6 @@ def _address() -> str | None:
         return None
 
 
-def _name() -> str:
+def process_name() -> str:
+    """Host and process."""
     return f"{socket.gethostname()}:{os.getpid()}"

@@ -61,7 +61,7 @@ _COLUMNS: dict[str, list[tuple[Any, ...]]] = {
         for name, measure in MEASURES.items()
     ],
     "outcome": [
-        ("status", _TEXT, _MUST, _LINE, "", "ok, undecided, diverged, failed, crashed or timeout"),
+        ("status", _TEXT, _MUST, _LINE, "", "ok, undecided, diverged, failed or crashed"),
         ("outcome", _TEXT, _MAY, _LINE, "", "stands, moved (slid, turned), toppled or lodged (toppled, caught beside)"),
         ("toppled", _TRUTH, _MAY, _ANY_TRUTH, "", "whether the rock toppled; null unless status is ok"),
         ("topple_time_s", _REAL, _MAY, _SIZE, "s", "no return: centre of mass last highest, from the record's start"),

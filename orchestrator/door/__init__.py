@@ -16,51 +16,30 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from toppling.models.errors import InputError
-    from toppling.models.hidden_base.rough_base import Standing, with_rough_base
-    from toppling.models.motions.ensemble import Ensemble
-    from toppling.models.motions.motion import Motion
-    from toppling.models.motions.record import Record
-    from toppling.models.scene import Scene
-    from toppling.orchestrator.campaign import Campaign
-    from toppling.orchestrator.public.constraining import Dates, constrain
-    from toppling.orchestrator.public.fragility_figures import fragility
-    from toppling.orchestrator.public.making import scan, scan_again
-    from toppling.orchestrator.public.reporting import query, report
-    from toppling.orchestrator.public.running import plan, run
-    from toppling.orchestrator.studies.seismograms import check
-    from toppling.results.reader import Run, open_run
-    from toppling.workers.outcome import ShakeResult
-    from toppling.workers.shaking import shake
-    from toppling.workers.start import State
-    from toppling.workers.unmeasured import Unmeasured
-
-__all__ = [
-    "Campaign",
-    "Dates",
-    "Ensemble",
-    "InputError",
-    "Motion",
-    "Record",
-    "Run",
-    "Scene",
-    "ShakeResult",
-    "Standing",
-    "State",
-    "Unmeasured",
-    "check",
-    "constrain",
-    "fragility",
-    "open_run",
-    "plan",
-    "query",
-    "report",
-    "run",
-    "scan",
-    "scan_again",
-    "shake",
-    "with_rough_base",
-]
+    from toppling.models.errors import InputError as InputError
+    from toppling.models.hidden_base.rough_base import Standing as Standing
+    from toppling.models.hidden_base.rough_base import with_rough_base as with_rough_base
+    from toppling.models.motions.ensemble import Ensemble as Ensemble
+    from toppling.models.motions.motion import Motion as Motion
+    from toppling.models.motions.record import Record as Record
+    from toppling.models.scene import Scene as Scene
+    from toppling.orchestrator.campaign import Campaign as Campaign
+    from toppling.orchestrator.public.constraining import Dates as Dates
+    from toppling.orchestrator.public.constraining import constrain as constrain
+    from toppling.orchestrator.public.fragility_figures import fragility as fragility
+    from toppling.orchestrator.public.making import scan as scan
+    from toppling.orchestrator.public.making import scan_again as scan_again
+    from toppling.orchestrator.public.reporting import query as query
+    from toppling.orchestrator.public.reporting import report as report
+    from toppling.orchestrator.public.running import plan as plan
+    from toppling.orchestrator.public.running import run as run
+    from toppling.orchestrator.studies.seismograms import check as check
+    from toppling.results.reader import Run as Run
+    from toppling.results.reader import open_run as open_run
+    from toppling.workers.outcome import ShakeResult as ShakeResult
+    from toppling.workers.shaking import shake as shake
+    from toppling.workers.start import State as State
+    from toppling.workers.unmeasured import Unmeasured as Unmeasured
 
 _HOMES = {
     "Campaign": "toppling.orchestrator.campaign",
@@ -88,6 +67,8 @@ _HOMES = {
     "shake": "toppling.workers.shaking",
     "with_rough_base": "toppling.models.hidden_base.rough_base",
 }
+
+__all__ = [*_HOMES]
 
 
 def __getattr__(name: str) -> Any:

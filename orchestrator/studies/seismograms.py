@@ -3,10 +3,9 @@
 import dataclasses
 import math
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, wait
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +16,9 @@ from toppling.models.motions.ensemble import CATALOG, Ensemble
 from toppling.models.motions.motion import Motion
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
-from toppling.orchestrator.processes import pool_of
 from toppling.orchestrator.public import unseen
-from toppling.orchestrator.site_table import Site, seismograms_in
+from toppling.orchestrator.site_table import Site, ensemble_folder, temporary_ensemble
 from toppling.workers.shaking import shake
-
-_AHEAD = 4
-"""Number of submitted tasks per worker, which bounds the seismograms in memory."""
 
 
 @dataclass(frozen=True)
@@ -88,14 +83,15 @@ def judged(
     )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Seismogram:
-    """A seismogram that is loaded when needed."""
+    """A seismogram of an ensemble on disk."""
 
+    ensemble: Path
+    record_id: str
     station: str
     event: str
     files: tuple[str, ...]  # source files
-    source: Record | tuple[Path, str]  # the record, or the ensemble's folder and the record's id
 
     def is_at(self, site: str) -> bool:
         """Whether its station, or the folder of its files, has the name of the site."""
@@ -107,25 +103,11 @@ class Seismogram:
         """Name of its event, or else of its file."""
         return self.event or next((Path(name).stem for name in self.files), self.station)
 
-    def record(self, load: Callable[[Path], Ensemble]) -> Record:
-        """The record, if necessary from its ensemble, which `load` returns."""
-        if isinstance(self.source, Record):
-            return self.source
-        return load(self.source[0]).record(self.source[1])
-
 
 def of_ensemble(folder: Path) -> list[Seismogram]:
     """Seismograms of an ensemble, read from its catalogue only."""
     rows = Ensemble.load(folder).catalog.select(["record_id", "station", "event", "files"]).to_pylist()
-    return [
-        Seismogram(row["station"], row["event"], tuple(row["files"]), (folder, row["record_id"]))
-        for row in rows
-    ]
-
-
-def of_records(records: Iterable[Record]) -> list[Seismogram]:
-    """Seismograms that are in memory."""
-    return [Seismogram(record.station, record.event, record.files, record) for record in records]
+    return [Seismogram(folder, **row | {"files": tuple(row["files"])}) for row in rows]
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,16 +119,11 @@ class Seismograms:
     # Warnings: name of the seismogram and the anomaly.
     notes: list[tuple[str, str]] = field(default_factory=list)
 
-    def records(self) -> Iterator[Record]:
-        """Records of all seismograms; each ensemble is loaded once."""
-        load = lru_cache(maxsize=None)(Ensemble.load)
-        return (seismogram.record(load) for seismogram in self.found)
-
 
 def read_seismograms(
     paths: Sequence[Path], metadata: Path | None, missing_vertical: bool, *, folders_apart: bool = False
 ) -> Seismograms:
-    """Seismograms of ensembles, which stay on disk, and of files as 'records import' reads them.
+    """Seismograms of ensembles, and of files as 'records import' reads them, which become a temporary ensemble.
 
     folders_apart: whether the files of each site are in a separate folder.
 
@@ -191,7 +168,7 @@ def read_seismograms(
             expected="three-component seismograms",
             remedy="a metadata table adds what the files do not state (--metadata)",
         )
-    return Seismograms(found + of_records(came.records), remarks, list(came.warnings))
+    return Seismograms(found + of_ensemble(temporary_ensemble(came.records)), remarks, list(came.warnings))
 
 
 @dataclass(frozen=True)
@@ -264,18 +241,18 @@ def check(
     )
     factors = neighbouring_factors(largest, neighbours)
     advance(0, total=len(read.found) * len(factors))
-    verdicts = [judged(rock, record, factors, preset, advance) for record in read.records()]
+    load = lru_cache(maxsize=None)(Ensemble.load)
+    records = (load(one.ensemble).record(one.record_id) for one in read.found)
+    verdicts = [judged(rock, record, factors, preset, advance) for record in records]
     return Checked(verdicts, read.remarks, read.notes)
 
 
-def seismograms_of(site: Site, given: Sequence[Seismogram]) -> list[Seismogram]:
+def seismograms_of(site: Site, sites: Sequence[Site], given: Sequence[Seismogram]) -> list[Seismogram]:
     """Given seismograms at a rock's site; if none are given, the rock's own."""
     if given:
         return [seismogram for seismogram in given if seismogram.is_at(site.site)]
-    own = site.ensemble or site.seismograms
-    if own is None:
-        return []
-    return of_ensemble(own) if (own / CATALOG).is_file() else of_records(seismograms_in(own))
+    own = ensemble_folder(site, sites)
+    return of_ensemble(own) if own else []
 
 
 def check_sites(
@@ -284,7 +261,7 @@ def check_sites(
     factors: Sequence[float],
     preset: str,
     workers: int | None = None,
-    advance: Callable[[], object] = lambda: None,
+    advance: Callable[..., None] = unseen,
 ) -> pd.DataFrame:
     """Shake every rock with the seismograms at its site.
 
@@ -296,47 +273,40 @@ def check_sites(
     message. A rock that cannot be shaken, or has no seismogram, has one row with that message.
     Raises InputError if no rock has a seismogram.
     """
-    chosen = _with_seismograms(sites, given)
     rows: list[dict[str, Any]] = []
-    count = workers or os.cpu_count() or 1
-    with pool_of(count) as pool:
-        flying: dict[Future, dict[str, Any]] = {}
+    heads: list[dict[str, Any]] = []
+    tasks: list[tuple[Site, Seismogram]] = []
+    for site in sites:
+        head = {name: getattr(site, name) for name in ("rock", "site", "longitude", "latitude")}
+        found = seismograms_of(site, sites, given)
+        heads += [{**head, "scenario": seismogram.scenario} for seismogram in found]
+        tasks += [(site, seismogram) for seismogram in found]
+        if not found:
+            rows.append({**head, "outcome": "none", "message": f"no seismogram is at {site.site}"})
+    if not tasks:
+        raise _no_seismograms(sites, given)
+    from toppling.orchestrator.cluster import local  # with Dask, which a single rock does not need
 
-        def land(until: int) -> None:
-            while len(flying) > until:
-                for future in wait(flying, return_when=FIRST_COMPLETED).done:
-                    rows.append({**flying.pop(future), **future.result()})
-                    advance()
-
-        for site, found in chosen:
-            head = {name: getattr(site, name) for name in ("rock", "site", "longitude", "latitude")}
-            if not found:
-                rows.append({**head, "outcome": "none", "message": f"no seismogram is at {site.site}"})
-            for seismogram in found:
-                land(_AHEAD * count)
-                task = pool.submit(_judged, site, seismogram, factors, preset)
-                flying[task] = {**head, "scenario": seismogram.scenario}
-        land(0)
+    advance(0, total=len(tasks))
+    with local(workers or os.cpu_count() or 1) as client:
+        answers = client.map(partial(_judged, factors, preset), tasks, pure=False)
+        for head, answer in zip(heads, answers, strict=True):
+            rows.append({**head, **answer.result()})
+            advance()
     fullest = max(rows, key=len)  # rows arrive in any order, and failed ones have fewer columns
     frame = pd.DataFrame(rows, columns=[*fullest])
     return frame.sort_values(["rock", "scenario", "record_id"], kind="stable", ignore_index=True)
 
 
-def _with_seismograms(
-    sites: Sequence[Site], given: Sequence[Seismogram]
-) -> list[tuple[Site, list[Seismogram]]]:
-    """Each rock with the seismograms at its site; InputError if all are without."""
-    chosen = [(site, seismograms_of(site, given)) for site in sites]
-    if not any(found for _, found in chosen):
-        stations = ", ".join(sorted({seismogram.station or "(none)" for seismogram in given})[:5]) or "none"
-        raise InputError(
-            "rocks.no_seismograms",
-            f"none of {len(given)} seismograms is at a site of the table",
-            where="check",
-            expected=f"stations or folders named like {sites[0].site!r}; their stations are {stations}",
-            remedy="name the stations in the table's column 'site', or give each rock its own 'seismograms'",
-        )
-    return chosen
+def _no_seismograms(sites: Sequence[Site], given: Sequence[Seismogram]) -> InputError:
+    stations = ", ".join(sorted({seismogram.station or "(none)" for seismogram in given})[:5]) or "none"
+    return InputError(
+        "rocks.no_seismograms",
+        f"none of {len(given)} seismograms is at a site of the table",
+        where="check",
+        expected=f"stations or folders named like {sites[0].site!r}; their stations are {stations}",
+        remedy="name the stations in the table's column 'site', or give each rock its own 'seismograms'",
+    )
 
 
 def matrix_of(rows: pd.DataFrame) -> pd.DataFrame:
@@ -348,14 +318,15 @@ def matrix_of(rows: pd.DataFrame) -> pd.DataFrame:
     return table.reindex(sorted(rows["rock"].unique()))
 
 
-def _judged(site: Site, seismogram: Seismogram, factors: Sequence[float], preset: str) -> dict[str, Any]:
-    record_id = seismogram.source[1] if isinstance(seismogram.source, tuple) else seismogram.source.record_id
+def _judged(factors: Sequence[float], preset: str, task: tuple[Site, Seismogram]) -> dict[str, Any]:
+    site, seismogram = task
     try:
         scene = _scene(site.scene, site.friction)
-        verdict = dataclasses.asdict(judged(scene, seismogram.record(_ensemble), factors, preset))
+        record = _ensemble(seismogram.ensemble).record(seismogram.record_id)
+        verdict = dataclasses.asdict(judged(scene, record, factors, preset))
     # A rock that does not stand, or an unreadable seismogram, must not stop the others.
     except InputError as error:
-        return {"record_id": record_id, "outcome": "failed", "message": str(error)}
+        return {"record_id": seismogram.record_id, "outcome": "failed", "message": str(error)}
     return verdict | {"message": None}
 
 

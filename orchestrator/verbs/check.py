@@ -57,7 +57,7 @@ def check(
     rock topples, so each seismogram is also shaken a little weaker and a little stronger; the result is the share
     that topples.
 
-    SCENE may also be a table of rocks (CSV or TOML, as a campaign's 'sites') or a run of many rocks: each is shaken
+    SCENE may also be a table of rocks (CSV, as a campaign's 'sites') or a run of many rocks: each is shaken
     with the seismograms whose station, or folder, is named as its site. The result is a matrix of rocks and scenarios.
 
     \b
@@ -102,9 +102,8 @@ def _check_table(table: Path, seismograms: Sequence[Path], *, as_json: bool) -> 
     if asked["friction"] is not None:
         sites = tuple(replace(site, friction=asked["friction"]) for site in sites)
     factors = study.neighbouring_factors(asked["largest"], asked["neighbours"])
-    total = sum(len(study.seismograms_of(site, read.found)) for site in sites)
     shared.compile_first()
-    with bar("shaking", total) as advance:
+    with bar("shaking") as advance:
         rows = study.check_sites(sites, read.found, factors, asked["preset"], asked["workers"], advance)
     matrix = study.matrix_of(rows)
     if out := asked["out"]:

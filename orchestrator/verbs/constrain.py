@@ -30,7 +30,7 @@ from toppling.orchestrator.verbs.shared_options import SITE_HELP, SiteCommand, o
 @of("public.constraining.EventOptions", "--event-rate", type=shared.ABOVE_0)
 @of("public.constraining.EventOptions", "--catalogue-years", type=shared.ABOVE_0)
 @of("public.constraining.constrain", "--confidence", type=click.FloatRange(0.5, 1, max_open=True))
-@option("--site", "sites", type=float, nargs=2, multiple=True, metavar="LON LAT", help=SITE_HELP)
+@option("--site", "sites", type=shared.SITE, multiple=True, metavar="LON LAT", help=SITE_HELP)
 @option("--site-name", "site_names", multiple=True, hidden=True)
 @of("public.constraining.constrain", "--ratio", type=shared.ABOVE_0)
 @values_option

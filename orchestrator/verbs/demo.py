@@ -124,17 +124,12 @@ def _plan(out: Path, workers: int, seconds: float) -> None:
 
 
 def _run(out: Path, workers: int) -> int:
-    from toppling.orchestrator.campaign import Campaign
-    from toppling.orchestrator.cluster import local
-    from toppling.orchestrator.plan import plan_of
     from toppling.orchestrator.progress import watcher
-    from toppling.orchestrator.run import run
-    from toppling.orchestrator.studies.audit import Auditing
+    from toppling.orchestrator.public.running import run
 
     _say(f"run: starting {workers} workers")
     with watcher() as watch:
-        campaign = Campaign.read(out / "campaign.toml")
-        progress = run(plan_of(campaign), out / "run", local(workers), watch, stages=[Auditing()])
+        progress = run(out / "campaign.toml", out / "run", workers=workers, watch=watch).session
     _say(
         f"run: {progress.done} jobs, {progress.rate:.1f}/s, {progress.toppled} toppled, {progress.failed} unanswered"
     )

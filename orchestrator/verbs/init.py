@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 @option("--levels", type=click.IntRange(2), default=12, help="Approximate number of PGA levels.")
 @option("--azimuths", type=click.IntRange(1, 360), default=8, help="Number of evenly spaced azimuths.")
 @shared.preset_option
-@shared.workers_option("Local workers assumed for the time estimate.")
 def init(
     scene: Path,
     ensemble: Path,
@@ -42,7 +41,6 @@ def init(
     levels: int,
     azimuths: int,
     preset: str,
-    workers: int | None,
 ) -> None:
     """Write a campaign for SCENE and ENSEMBLE: levels, azimuths and frictions that suit the rock.
 
@@ -79,7 +77,7 @@ def init(
         pilot = try_out(rock, motions, statics.least_m_s2, turned, friction, preset, advance)
     spaced = levels_between(statics.least_m_s2, pilot.most_at_m_s2, levels)
     jobs = len(motions.record_ids) * len(spaced) * len(turned) * len(frictions)
-    workers = workers or os.cpu_count() or 1
+    workers = os.cpu_count() or 1
     time = f"about {duration(jobs * pilot.job_s / workers)} on {workers} workers"
     head = _HEAD.format(name=shlex.quote(str(out)), jobs=jobs, time=time)
     write_text(head + _keys(out, chosen, Assets(rock, motions), statics, pilot, spaced), out)

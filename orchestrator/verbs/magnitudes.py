@@ -14,7 +14,7 @@ from toppling.models.files.folder import write_text
 from toppling.models.files.table import write_csv
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.verbs import shared_options as shared
-from toppling.orchestrator.verbs.shared_options import SiteCommand, option
+from toppling.orchestrator.verbs.shared_options import option
 from toppling.results.analysis import SAMPLES
 from toppling.results.hazard.gmm import MEASURES, MECHANISMS, MODELS, GroundMotionModel
 from toppling.results.hazard.places import check_place, read_faults
@@ -26,7 +26,7 @@ _PRINTED_DISTANCES_KM = (1, 2, 5, 10, 20, 50, 100)
 """Distances whose largest allowed magnitudes are printed, km."""
 
 
-@click.command(cls=SiteCommand)
+@click.command()
 @click.argument("rock", type=shared.PATH, metavar="ROCK")
 @option(
     "--model", "models", multiple=True, default=("bssa14",), metavar="NAME[=WEIGHT]",
@@ -72,7 +72,7 @@ _PRINTED_DISTANCES_KM = (1, 2, 5, 10, 20, 50, 100)
 @option("--age", help="Years for which the rock has been as fragile as it is, as in 'toppling constrain'.")
 @option("--faults", type=shared.FILE, help="Fault traces (GeoJSON), with --site.")
 @option(
-    "--site", type=float, nargs=2, metavar="LON LAT",
+    "--site", type=shared.SITE, metavar="LON LAT",
     help="Degrees, or with compass letters; where the rock stands.",
 )  # fmt: skip
 @option(

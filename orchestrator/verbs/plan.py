@@ -18,10 +18,9 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("campaign", type=shared.FILE)
 @option("--out", "table", type=shared.FILE, help="Write the job table (Parquet).")
-@shared.workers_option("Local workers assumed for the time estimate.")
 @option("--no-estimate", is_flag=True, help="Do not estimate the time.")
 @shared.json_option("Print the counts as JSON.")
-def plan(campaign: Path, table: Path | None, workers: int | None, no_estimate: bool, as_json: bool) -> None:
+def plan(campaign: Path, table: Path | None, no_estimate: bool, as_json: bool) -> None:
     """Check CAMPAIGN against its scene and ensemble and count its jobs, without running any.
 
     It warns of probable mistakes: levels in g, friction in degrees, levels that topple nothing, records scaled more
@@ -58,7 +57,7 @@ def plan(campaign: Path, table: Path | None, workers: int | None, no_estimate: b
     if as_json:
         click.echo(json.dumps(counts))
         return
-    for line in [*head, *([] if no_estimate else [words_of(expected, len(planned), workers)]), *notes]:
+    for line in [*head, *([] if no_estimate else [words_of(expected, len(planned))]), *notes]:
         click.echo(line)
     for sentence in found.warnings:
         click.echo(f"warning: {sentence}", err=True)

@@ -19,7 +19,7 @@ _REPORT = "public.reporting.report"
 @of(_REPORT, "--pdf")
 @of(_REPORT, "--age")
 @of(_REPORT, "--hazard", metavar="PATH[=WEIGHT]")
-@option("--site", type=float, nargs=2, metavar="LON LAT", help=SITE_HELP)
+@option("--site", type=shared.SITE, metavar="LON LAT", help=SITE_HELP)
 @option("--site-name", hidden=True)
 @of(_REPORT, "--measure")
 @of(_REPORT, "--ratio", type=shared.ABOVE_0)

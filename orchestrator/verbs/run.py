@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from click.core import ParameterSource
 
 from toppling.models.errors import InputError
 from toppling.models.files.stores import named
@@ -33,11 +32,9 @@ if TYPE_CHECKING:
 
 FAILED_JOBS = 3
 """Exit code of a complete run with jobs without an answer."""
-_AGAIN = ("crashed", "timeout", "failed")
+_AGAIN = ("crashed", "failed")
 """Statuses that may have a transient cause. Undecided and diverged jobs would have the same result again."""
-
-NOT_RESUMED = ("again", "report", "as_json", "dry_run", "take_over")
-"""Options that a resuming call does not repeat."""
+_GO_ON = "the rows so far are kept, and the same command goes on"
 
 
 def _statuses(context: click.Context, parameter: click.Parameter, value: str | None) -> list[str]:  # noqa: ARG001
@@ -67,7 +64,7 @@ def _precision(context: click.Context, parameter: click.Parameter, value: str | 
 @option("--dry-run", is_flag=True, help="With --queue: print the job script and stop.")
 @option(
     "--job-limit", type=click.FloatRange(1), default=Limits.job_s,
-    help="Wall time in seconds after which a job counts as hung.",
+    help="Wall time in seconds of a job after which its worker is ended.",
 )  # fmt: skip
 @option(
     "--tries", type=click.IntRange(min=1), default=Limits.tries,
@@ -105,7 +102,7 @@ def run(
     toppling run campaign.toml --out runs/first --scheduler tcp://node1:8786
     toppling run campaign.toml --out runs/first --precision 5%
     toppling run campaign.toml --queue slurm --dry-run
-    toppling run campaign.toml --out runs/first --again crashed,timeout
+    toppling run campaign.toml --out runs/first --again crashed,failed
 
     The same command resumes an interrupted run: only jobs without a row are done. Exit code 3 means that some jobs,
     of this session or an earlier one, have no answer; --again repeats them once the cause is removed.
@@ -154,9 +151,8 @@ def _run(
         click.echo(borne_words(chosen), err=True)
     elif not (folder.exists() or chosen.sites):
         _warn(chosen)
-    command = command_to_go_on(click.get_current_context())
-    shaken = _carry_out(chosen, folder, reported(cluster, report), command, asked)
-    _print_result(chosen, folder, shaken, command, as_json=as_json)
+    shaken = _carry_out(chosen, folder, reported(cluster, report), asked)
+    _print_result(chosen, folder, shaken, as_json=as_json)
 
 
 def _warn(chosen: "Campaign") -> None:
@@ -186,37 +182,28 @@ def _refuse_moved(chosen: "Campaign", campaign: Path, folder: Path) -> None:
 
 
 def _carry_out(
-    chosen: "Campaign",
-    folder: Path,
-    cluster: AbstractContextManager["Client"],
-    command: str,
-    asked: dict[str, Any],
+    chosen: "Campaign", folder: Path, cluster: AbstractContextManager["Client"], asked: dict[str, Any]
 ) -> "CarriedOut":
-    """Do the jobs; if that ends early, print the command that resumes the run."""
+    """Do the jobs; if that ends early, say how to resume the run."""
     from toppling.orchestrator.context import RunError
     from toppling.orchestrator.progress import watcher
     from toppling.orchestrator.public.running import run as carry_out
 
-    to_go_on = " ".join(
-        [f"To go on: {command}", *(["--again", ",".join(asked["again"])] if asked["again"] else [])]
-    )
     try:
         with signals_as_stop(), watcher() as watch:
             return carry_out(chosen, folder, cluster=cluster, watch=watch, **asked)
     except RunError as error:
-        raise click.ClickException(f"{error}; the rows so far are kept. {to_go_on}") from None
+        raise click.ClickException(f"{error}; {_GO_ON}") from None
     except OSError as error:
         if folder.exists():
-            error.add_note(f"the rows so far are kept. {to_go_on}")
+            error.add_note(_GO_ON)
         raise
     except KeyboardInterrupt:
-        click.echo(f"stopped; the rows so far are kept. {to_go_on}", err=True)
+        click.echo(f"stopped; {_GO_ON}", err=True)
         sys.exit(INTERRUPTED)
 
 
-def _print_result(
-    chosen: "Campaign", folder: Path, shaken: "CarriedOut", command: str, *, as_json: bool
-) -> None:
+def _print_result(chosen: "Campaign", folder: Path, shaken: "CarriedOut", *, as_json: bool) -> None:
     """Print what was done and the results; the exit code indicates jobs without an answer."""
     from toppling.orchestrator.advice import suggestions
     from toppling.orchestrator.progress import duration, pace
@@ -248,30 +235,9 @@ def _print_result(
         if unphysical:
             click.echo(unphysical.sentence)
         if there := [name for name in _AGAIN if name in state["status"]]:
-            click.echo(f"to do them again: {command} --again {','.join(there)}")
+            click.echo(f"to do them again, add to the command: --again {','.join(there)}")
         for sentence in advice:
             click.echo(sentence)
         click.echo(f"next: toppling {'atlas' if chosen.sites else 'fragility'} {shlex.quote(named(folder))}")
     if state["failed"]:
         sys.exit(FAILED_JOBS)
-
-
-def command_to_go_on(context: click.Context) -> str:
-    """Command that resumes this run, without options that apply to this call only."""
-    words = ["toppling", "run", str(context.params["campaign"])]
-    for parameter in context.command.params:
-        given = context.get_parameter_source(str(parameter.name)) is ParameterSource.COMMANDLINE
-        if given and isinstance(parameter, click.Option) and parameter.name not in NOT_RESUMED:
-            words += _as_given(parameter, context.params[str(parameter.name)])
-    return shlex.join(words)
-
-
-def _as_given(option: click.Option, value: Any) -> list[str]:
-    """Words of a command for an option and its value."""
-    if option.is_flag:
-        return [option.opts[0] if value else option.secondary_opts[0]]
-    words = []
-    for entry in value if option.multiple else [value]:
-        given = named(entry) if isinstance(entry, Path) else entry
-        words += [option.opts[0], *(map(str, given) if option.nargs > 1 else [str(given)])]
-    return words

@@ -8,9 +8,10 @@ import re
 import sys
 import tempfile
 import webbrowser
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from functools import cache, reduce
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -125,11 +126,6 @@ preset_option = option("--preset", type=OneOf(list(PRESETS)), default="standard"
 def json_option(text: str = "Print JSON.") -> _Decorator:
     """Option `--json` with a help text."""
     return option("--json", "as_json", is_flag=True, help=text)
-
-
-def workers_option(text: str = "Local workers.") -> _Decorator:
-    """Option `--workers` with a help text."""
-    return option("--workers", type=click.IntRange(min=1), help=f"{text} Default: one per core.")
 
 
 def samples_option(default: int) -> _Decorator:
@@ -281,41 +277,36 @@ SITE_HELP = (
 )
 
 
+class _Degrees(click.ParamType):
+    """Degrees east or north, or with a compass letter."""
+
+    name = "degrees"
+
+    def __init__(self, axis: str) -> None:
+        self.axis = axis
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Read a value."""
+        degrees = degrees_of(str(value), self.axis)
+        if degrees is None:
+            self.fail(f"{value!r} is no {self.axis}, such as -118.1 or 118.1W.", param, ctx)
+        return degrees
+
+
+SITE = (_Degrees("longitude"), _Degrees("latitude"))
+"""Type of a location, its longitude and latitude."""
+
+
 class SiteCommand(click.Command):
-    """Command whose --site accepts longitude and latitude, or a name where the command supports it."""
+    """Command whose --site accepts a location, or a name."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Convert coordinates to numbers, and a name to the hidden option --site-name."""
-        takes_name = any("--site-name" in parameter.opts for parameter in self.params)
-        named: list[str] = []
+        """Give a name to the hidden option --site-name."""
         words = list(args)
-        while words:
-            word = words.pop(0)
-            place = _place(words) if word == "--site" else None
-            if place is not None:
-                used, degrees = place
-                named += [word, *degrees]
-                del words[:used]
-            else:
-                is_name = takes_name and word == "--site" and words and not is_numeral(words[0])
-                named.append("--site-name" if is_name else word)
-        return super().parse_args(ctx, named)
-
-
-def _place(words: Sequence[str]) -> tuple[int, list[str]] | None:
-    """Number of words of a location, and its longitude and latitude; None for a name or incomplete coordinates.
-
-    The latitude may come first if compass letters identify it.
-    """
-    splits = [(2, list(words[:2])), (1, re.split(r"[,;]\s*|\s+", words[0].strip()) if words else [])]
-    for used, parts in splits:
-        if len(parts) == 2:
-            first, second = (part.rstrip(",;") for part in parts)
-            for east, north in ((first, second), (second, first)):
-                degrees = degrees_of(east, "longitude"), degrees_of(north, "latitude")
-                if None not in degrees:
-                    return used, [repr(angle) for angle in degrees]
-    return None
+        for place, (word, after) in enumerate(pairwise(args)):
+            if word == "--site" and degrees_of(after, "longitude") is None:
+                words[place] = "--site-name"
+        return super().parse_args(ctx, words)
 
 
 def _years_of(_context: click.Context, _parameter: click.Parameter, values: str | None) -> float | None:

@@ -28,10 +28,9 @@ def status(run: Path, as_json: bool) -> None:
     if as_json:
         click.echo(json.dumps(state))
         return
-    again = f", {state['again']} of them still to be done again" if state["again"] else ""
     remark = state["unfinished"]
     detail = f": {remark}" if remark else f", {state['stored']:,} of {state['jobs']:,} jobs stored"
-    click.echo(f"{run}: {state['state']}{detail}{again}")
+    click.echo(f"{run}: {state['state']}{detail}")
     if state["writer"]:
         click.echo(
             f"held by {state['writer']}; if that was killed, go on with 'toppling run ... --take-over'"

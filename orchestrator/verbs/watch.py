@@ -9,7 +9,6 @@ import secrets
 import subprocess
 import sys
 import threading
-import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -18,7 +17,7 @@ import click
 
 from toppling.models.errors import InputError
 from toppling.models.files.documents import MOST_SHOWN
-from toppling.orchestrator.loopback import TEXT, Answers, Loopback
+from toppling.orchestrator.loopback import HTML, TEXT, Answers, Loopback
 from toppling.orchestrator.progress import duration, pace
 from toppling.orchestrator.status import state_of
 from toppling.orchestrator.verbs import shared_options as shared
@@ -28,9 +27,6 @@ from toppling.results.reader import Run, open_run
 
 if TYPE_CHECKING:
     import pandas as pd
-
-_CACHED_S = 1.5
-"""Time for which the state is cached, s."""
 
 _JOB = re.compile(r"[0-9a-f]{8,64}")
 _STRICT = "default-src 'none'; connect-src 'self'; frame-src 'self'; style-src 'unsafe-inline'; script-src 'nonce-{}'"
@@ -124,42 +120,26 @@ class _Replays:
         self._run, self._folder = run, folder
         self._lock = threading.Lock()
         self._process: subprocess.Popen[str] | None = None
-        self._job = ""
-        self._failed: dict[str, str] = {}
 
-    def page(self, job: str) -> str | None:
-        """Page of a replay, or None while it is being made; InputError if the job cannot be replayed."""
+    def page(self, job: str) -> tuple[str, str]:
+        """Page of a replay, after it is made, and its kind; text with the reason if that fails."""
         drawn = self._folder / job / "replay.html"
         with self._lock:
-            if drawn.exists():
-                return drawn.read_text(encoding="utf-8")
-            if self._process and self._process.poll() is not None:
-                _, errors = self._process.communicate()
-                if not (self._folder / self._job / "replay.html").exists():
-                    self._failed[self._job] = errors.strip() or "it ended without a page"
-                self._process = None
-            if job in self._failed:
-                raise InputError(
-                    "replay.failed",
-                    f"the replay failed: {self._failed.pop(job)}",
-                    where=f"job {job}",
-                    expected="a job of this run",
-                    remedy=f"try it outside: toppling replay {self._run} {job}",
-                )
-            if self._process is None and not drawn.exists():
+            if not drawn.exists():
                 words = [sys.executable, "-P", "-m", "toppling", "replay", str(self._run), job]
                 self._process = subprocess.Popen(
                     [*words, "--out", str(self._folder / job)],
                     stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
                 )  # fmt: skip
-                self._job = job
-        return None
+                _, errors = self._process.communicate()
+                if not drawn.exists():
+                    return f"the replay failed: {errors.strip()}", TEXT
+            return drawn.read_text(encoding="utf-8"), HTML
 
     def end(self) -> None:
         """Stop the current replay."""
-        if self._process and self._process.poll() is None:
+        if self._process:
             self._process.kill()
-            self._process.communicate()
 
 
 class _Watching(Loopback):
@@ -167,22 +147,7 @@ class _Watching(Loopback):
 
     def __init__(self, run: Path, replays: _Replays, port: int = 0) -> None:
         self.run, self.replays = run, replays
-        self._answered = -_CACHED_S
-        self._answer = b""
-        self._lock = threading.Lock()
         super().__init__(_Answers, port)
-
-    def state(self) -> bytes:
-        """State of the run, or an error, as JSON."""
-        with self._lock:
-            if time.monotonic() - self._answered > _CACHED_S:
-                try:
-                    state_shown = shown(self.run)
-                except (InputError, OSError) as error:
-                    state_shown = {"error": str(error)}
-                self._answer = json.dumps(state_shown).encode()
-                self._answered = time.monotonic()
-            return self._answer
 
 
 class _Answers(Answers):
@@ -194,31 +159,22 @@ class _Answers(Answers):
         """Answer with the page, the state or a replay."""
         asked = self.asked()
         if asked == "":
+            from toppling.results.drawing.templates import rendered
+
             nonce = secrets.token_urlsafe(12)
-            self._show("watch.html", _STRICT.format(nonce), nonce=nonce)
+            page = rendered("watch.html", title="toppling", nonce=nonce)
+            self.send(page.encode(), policy=_STRICT.format(nonce))
         elif asked == "state.json":
-            self.send(self.server.state(), "application/json")
+            try:
+                state = shown(self.server.run)
+            except (InputError, OSError) as error:
+                state = {"error": str(error)}
+            self.send(json.dumps(state).encode(), "application/json")
         elif asked is not None and _JOB.fullmatch(job := asked.removeprefix("replay/")) and asked != job:
-            self._replay(job)
+            page, kind = self.server.replays.page(job)
+            self.send(page.encode(), kind, _OF_A_REPLAY)
         else:
             self.refuse()
-
-    def _replay(self, job: str) -> None:
-        try:
-            page = self.server.replays.page(job)
-        except InputError as error:
-            self.send(str(error).encode(), TEXT)
-            return
-        message = f"shaking job {job} again: some seconds, up to a minute the first time"
-        if page is None:
-            self._show("waiting.html", _OF_A_REPLAY, text=message)
-        else:
-            self.send(page.encode(), policy=_OF_A_REPLAY)
-
-    def _show(self, template: str, policy: str, **given: str) -> None:
-        from toppling.results.drawing.templates import rendered
-
-        self.send(rendered(template, title="toppling", **given).encode(), policy=policy)
 
 
 def watching(run: Path, folder: Path, port: int = 0) -> _Watching:

@@ -22,6 +22,7 @@ from toppling.orchestrator.cli import cli
 from toppling.orchestrator.cluster import local
 from toppling.orchestrator.context import RunError, RunProgress, Work
 from toppling.orchestrator.dask_cluster import check_workers
+from toppling.orchestrator.dispatch import Limits
 from toppling.orchestrator.plan import plan, plan_of
 from toppling.orchestrator.run import run
 from toppling.orchestrator.status import state_of
@@ -75,6 +76,21 @@ def test_a_run_that_is_stopped_goes_on_where_it_was_and_killed_workers_cost_it_n
     assert progress.deaths >= 1
     assert (progress.before, progress.done) == (stored, len(undisturbed) - stored)
     assert answers_of(tmp_path / "run") == undisturbed
+
+
+@pytest.mark.thorough
+def test_a_worker_whose_job_hangs_ends_itself_the_job_is_given_up_and_the_others_are_answered(
+    carry_out, undisturbed, tmp_path, faults
+):
+    hangs = undisturbed[5]["job_id"]
+    faults.set(**{hangs: 100.0})
+    progress = carry_out(tmp_path / "run", limits=Limits(job_s=1.0, tries=1))
+    assert progress.deaths == 2  # in its batch, and alone
+    assert progress.status == {"ok": len(undisturbed) - 1, "crashed": 1}
+    (lost,) = [row for row in open_run(tmp_path / "run").table().to_pylist() if row["status"] == "crashed"]
+    assert (lost["job_id"], lost["attempt"]) == (hangs, 2)
+    told = [json.loads(line) for line in (tmp_path / "run" / "run.log").read_text().splitlines()]
+    assert any("Timeout (" in one["why"] for one in told if one["event"] == "worker process died")
 
 
 def test_a_run_whose_workers_die_whenever_they_start_ends_within_seconds_and_says_why(

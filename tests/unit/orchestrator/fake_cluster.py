@@ -16,7 +16,7 @@ class FakeCluster:
 
     table: rows of all jobs of the plan.
     faults: called with a job's id and how often it has been begun; names what happens to its worker or row:
-    "died", "left", "hang", "undelivered", "unfit", "cancelled", "lost" (the scheduler), "lie", "error" or None.
+    "died", "left", "undelivered", "unfit", "cancelled", "lost" (the scheduler), "lie", "error" or None.
     """
 
     table: pa.Table
@@ -24,15 +24,11 @@ class FakeCluster:
     workers: int = 2
     jobs_at_once: int = 5
     now_s: float = 0.0
-    compiled_at_s: float = 0.0
     full_hosts: bool = False
     waiting: deque = field(default_factory=deque)
-    hanging: dict = field(default_factory=dict)
     begun: Counter = field(default_factory=Counter)
     keys: set = field(default_factory=set)
     told: list = field(default_factory=list)
-    told_at: list = field(default_factory=list)
-    dead: list = field(default_factory=list)
 
     def __post_init__(self):
         self.places = {job: place for place, job in enumerate(self.table["job_id"].to_pylist())}
@@ -48,23 +44,18 @@ class FakeCluster:
 
     def answers(self, timeout_s):
         self.now_s += timeout_s
-        found = [self.dead.pop() for _ in range(len(self.dead))]
-        while self.waiting and not found:
-            key, (_, _, jobs, _) = self.waiting.popleft()
-            answer = self._do(key, jobs["job_id"].to_pylist())
-            found += [answer] if answer else []
-        return found
+        if not self.waiting:
+            return []
+        key, (_, _, jobs, _) = self.waiting.popleft()
+        return [self._do(key, jobs["job_id"].to_pylist())]
 
     def _do(self, key, ids):
         for number, job in enumerate(ids[: self.jobs_at_once]):
             self.begun[job] += 1
             fault = self.faults(job, self.begun[job])
             if fault == "lost":
-                self._forget()
+                self.waiting.clear()
                 raise ConnectionError("the connection is lost")
-            if fault == "hang":
-                self.hanging[key] = f"worker of {key}"
-                return None
             if fault == "lie":
                 rows = self._rows(ids[: number + 1]).to_pylist()
                 rows[-1]["pgv_m_s"] = 0.5
@@ -84,19 +75,6 @@ class FakeCluster:
     def threads(self):
         return self.workers
 
-    def processing(self):
-        return {(worker, key) for key, worker in self.hanging.items()}
-
-    def compiling(self, workers):
-        """The workers of jobs that their test lets compile, until a moment."""
-        return set(workers) if self.now_s < self.compiled_at_s else set()
-
-    def replace(self, workers):
-        self.told.append(("replace", tuple(workers)))
-        self.told_at.append(("replace", self.now_s))
-        for key in [key for key, worker in self.hanging.items() if worker in workers]:
-            self.dead.append(Answer(key, "died", RuntimeError("killed"), self.hanging.pop(key)))
-
     def dismiss(self, worker):
         self.told.append(("dismiss", worker))
         self.workers -= 1
@@ -110,8 +88,4 @@ class FakeCluster:
 
     def cancel(self):
         self.told.append(("cancel", len(self.waiting)))
-        self._forget()
-
-    def _forget(self):
-        for handed_out in (self.waiting, self.hanging, self.dead):
-            handed_out.clear()
+        self.waiting.clear()

@@ -92,7 +92,7 @@ def batch(monkeypatch):
     monkeypatch.setattr(task, "_assets_of", lambda run_key: SimpleNamespace(ensemble=ensemble))
     spec = JobSpec(scene_id="scene", record_sha="sha", preset="fast", **JOB)
     return (
-        SimpleNamespace(scene_id="scene"),
+        task.RunKey("", "scene", "", ()),
         {"preset": "fast"},
         pa.Table.from_pylist([JOB | {"job_id": spec.job_id}]),
     )

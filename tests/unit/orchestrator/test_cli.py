@@ -2,7 +2,6 @@
 
 import errno
 import re
-import shlex
 import subprocess
 import sys
 from importlib import import_module
@@ -15,7 +14,6 @@ from click.testing import CliRunner
 from toppling.orchestrator import cli as command
 from toppling.orchestrator import verbs
 from toppling.orchestrator.cli import VERBS, cli, first_line
-from toppling.orchestrator.verbs import run as run_verb
 
 
 @pytest.mark.parametrize("verb", VERBS)
@@ -135,31 +133,6 @@ def test_no_escape_sequence_of_a_file_reaches_terminal_or_log(tmp_path):
     log = (tmp_path / "run.log").read_text()
     assert "warned" in log
     assert CONTROL.search(log) is None
-
-
-def test_the_command_to_go_on_with_is_read_as_the_one_that_was_given():
-    command = run_verb.run
-    words = ["campaign.toml", "--out", "runs/a b"]
-    samples = {
-        "INTEGER RANGE": "3",
-        "FLOAT RANGE": "30.0",
-        "FILE": "some file",
-        "TEXT": "text",
-        "choice": "slurm",
-    }
-    for option in command.params:
-        if isinstance(option, click.Option) and option.name not in (*run_verb.NOT_RESUMED, "folder"):
-            kind = (
-                option.type.name
-                if isinstance(option.type, click.Choice)
-                else option.make_metavar(click.Context(command))
-            )
-            value = next((samples[name] for name in samples if name.lower() in kind.lower()), "1")
-            words += [option.opts[0]] if option.is_flag else [option.opts[0], value]
-    given = command.make_context("run", list(words))
-    told = shlex.split(run_verb.command_to_go_on(given))
-    assert told[:2] == ["toppling", "run"]
-    assert command.make_context("run", told[2:]).params == given.params
 
 
 def test_the_help_lists_every_verb_in_one_group():

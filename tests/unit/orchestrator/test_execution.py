@@ -89,25 +89,6 @@ def test_workers_that_leave_cost_no_try_and_are_no_deaths(session):
     assert any(entry["event"] == "worker left" for entry in one.log)
 
 
-def test_a_worker_that_compiles_past_its_time_is_not_replaced(planned, session):
-    slow = job_of(planned, 3)
-    one = session(faults=lambda job, begun: "hang" if (job, begun) == (slow, 1) else None, compiled_at_s=50.0)
-    one(limits=Limits(job_s=5.0))
-    (replaced,) = [at_s for what, at_s in one.cluster.told_at if what == "replace"]
-    assert replaced >= 50.0
-
-
-def test_a_worker_that_hangs_is_replaced_while_the_others_go_on_and_a_job_that_always_hangs_is_told(
-    planned, session
-):
-    once, always = job_of(planned, 20), job_of(planned, 4)
-    one = session(faults=lambda job, begun: "hang" if job == always or (job == once and begun == 1) else None)
-    progress = one(limits=Limits(job_s=30.0, tries=1))
-    assert statuses(one) == {"ok": 23, "timeout": 1}
-    assert progress.deaths == [told for told, _ in one.cluster.told].count("replace")
-    assert one.cluster.now_s >= 30.0
-
-
 def test_a_row_that_does_not_answer_its_job_is_tried_again_and_fails_if_none_does(planned, session):
     once, always = job_of(planned, 3), job_of(planned, 17)
     one = session(faults=lambda job, begun: "lie" if job == always or (job == once and begun == 1) else None)
@@ -180,7 +161,7 @@ def test_jobs_that_are_done_again_have_a_newer_attempt_and_the_newest_counts(pla
     assert (one.rows[culprit]["status"], one.rows[culprit]["attempt"]) == ("crashed", 2)
     again = session()
     progress = again(redo={culprit: 2})
-    assert (progress.done, progress.again) == (1, -1)  # of those to be done again all have a newer row
+    assert progress.done == 1
     assert (again.rows[culprit]["status"], again.rows[culprit]["attempt"]) == ("ok", 3)
 
 
@@ -220,9 +201,9 @@ def test_whatever_befalls_workers_every_job_has_one_row_and_only_killers_have_no
     def faults(job, begun):
         if job == culprit:
             return "died"
-        kinds = ("died", "left", "undelivered", "cancelled", "lost", "lie", "hang")
+        kinds = ("died", "left", "undelivered", "cancelled", "lost", "lie")
         return kinds[random.integers(len(kinds))] if begun == 1 and random.random() < 0.3 else None
 
     one = Session(planned, tmp_path_factory.mktemp("run"), monkeypatch, faults=faults, workers=workers)
-    one(limits=Limits(job_s=3.0))
+    one()
     assert statuses(one) == ({"ok": 23, "crashed": 1} if culprit else {"ok": 24})

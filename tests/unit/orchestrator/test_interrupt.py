@@ -1,13 +1,10 @@
 """Ctrl-C ends a program with code 130 and one line, wherever it comes; each program here is a process of its own."""
 
-import os
 import signal
 import subprocess
 import sys
 import textwrap
-import time
 
-import psutil
 import pytest
 
 BEGINNING = """
@@ -123,40 +120,6 @@ def test_a_context_begins_and_ends_whole(when):
         time.sleep(60)
     """
     assert ended(work) == (130, "begins\nends\n", "stopped\n")
-
-
-POOL = """
-import os, sys, time
-from toppling.orchestrator.interrupt import as_program
-from toppling.orchestrator.processes import pool_of
-
-def work():
-    with pool_of(2) as pool:
-        print("begun", flush=True)
-        list(pool.map(time.sleep, [60] * 8))
-
-as_program(work)
-"""
-
-
-def test_a_pool_of_processes_ends_at_once_and_says_nothing(tmp_path):
-    script = tmp_path / "pool.py"
-    script.write_text(POOL)
-    # A session of its own, so that the signal reaches all its processes, as from a terminal.
-    process = subprocess.Popen(
-        [sys.executable, script], start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )  # fmt: skip
-    assert process.stdout.readline() == "begun\n"
-    pool = psutil.Process(process.pid).children()
-    began = time.monotonic()
-    for _ in range(6):
-        os.killpg(process.pid, signal.SIGINT)
-    assert process.communicate(timeout=30)[1] == "stopped\n"
-    assert process.returncode == 130
-    assert time.monotonic() - began < 10
-    assert len(pool) >= 2
-    _, left = psutil.wait_procs(pool, timeout=10)
-    assert [each for each in left if each.status() != psutil.STATUS_ZOMBIE] == []
 
 
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])

@@ -1,9 +1,11 @@
 """Seismograms at many sites, each shaken with the rocks that stand there."""
 
-from dataclasses import dataclass, replace
+from contextlib import contextmanager
+from dataclasses import dataclass
 
 import pandas as pd
 import pytest
+from distributed import Client
 from reference.idealised import ricker
 from refusals import refused
 
@@ -11,13 +13,14 @@ from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
+from toppling.orchestrator import cluster
 from toppling.orchestrator.site_table import Site
 from toppling.orchestrator.studies import seismograms
 from toppling.orchestrator.studies.seismograms import (
+    Seismogram,
     check_sites,
     matrix_of,
     of_ensemble,
-    of_records,
     seismograms_of,
 )
 
@@ -46,8 +49,17 @@ def judge(scene, record, factors, preset):
 
 @pytest.fixture(autouse=True)
 def judged_by_width(monkeypatch):
-    """The processes of a pool are forks, which know what is replaced."""
+    """Workers are threads of this process, which know what is replaced."""
+
+    @contextmanager
+    def local(workers):
+        with Client(
+            n_workers=workers, threads_per_worker=1, processes=False, dashboard_address=None
+        ) as client:
+            yield client
+
     monkeypatch.setattr(seismograms, "judged", judge)
+    monkeypatch.setattr(cluster, "local", local)
 
 
 @pytest.fixture(scope="module")
@@ -66,18 +78,21 @@ def sites(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def records():
-    return [
+def given(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("records")
+    records = [
         Record.of(f"{station}{n}", ricker(2.0 * (n + 1), 0.8, 0.01), station=station, event=f"event {n}")
         for station in ("ECHO", "Lion", "Mars")
         for n in range(2)
     ]
+    Ensemble.write(folder, records)
+    return of_ensemble(folder)
 
 
 def test_each_rock_is_shaken_by_the_seismograms_at_its_site_alone_and_one_that_falls_holds_up_none(
-    sites, records
+    sites, given
 ):
-    rows = check_sites(sites, of_records(records), [1.0], "fast", workers=2)
+    rows = check_sites(sites, given, [1.0], "fast", workers=2)
     of = dict(list(rows.groupby("rock")))
     assert of["narrow"]["record_id"].tolist() == of["wide"]["record_id"].tolist() == ["ECHO0", "ECHO1"]
     assert of["narrow"]["outcome"].tolist() == ["toppled", "toppled"]
@@ -91,20 +106,19 @@ def test_each_rock_is_shaken_by_the_seismograms_at_its_site_alone_and_one_that_f
     assert matrix.loc[["falls", "lost"]].isna().all().all()
 
 
-def test_rows_do_not_depend_on_the_number_of_processes_nor_on_where_the_records_lie(sites, records, tmp_path):
-    Ensemble.write(tmp_path, records)
-    one = check_sites(sites, of_records(records), [1.0], "fast", workers=1)
-    two = check_sites(sites, of_ensemble(tmp_path), [1.0], "fast", workers=2)
+def test_rows_do_not_depend_on_the_number_of_workers(sites, given):
+    one = check_sites(sites, given, [1.0], "fast", workers=1)
+    two = check_sites(sites, given, [1.0], "fast", workers=2)
     pd.testing.assert_frame_equal(one, two)
 
 
-def test_a_folder_named_as_a_site_stands_for_its_station(sites, records):
-    (one,) = of_records([replace(records[-1], files=("sims/ECHO/strike.csv",), event="")])
+def test_a_folder_named_as_a_site_stands_for_its_station(sites, tmp_path):
+    one = Seismogram(tmp_path, "R", "Mars", "", ("sims/ECHO/strike.csv",))
     assert one.is_at("Echo")
     assert one.scenario == "strike"
-    assert seismograms_of(sites[0], [one]) == [one]
+    assert seismograms_of(sites[0], sites, [one]) == [one]
 
 
-def test_seismograms_of_no_site_are_refused(sites, records):
+def test_seismograms_of_no_site_are_refused(sites, given):
     with refused("rocks.no_seismograms", "2"):
-        check_sites(sites[:2], of_records(records[4:]), [1.0], "fast", workers=1)
+        check_sites(sites[:2], [one for one in given if one.station == "Mars"], [1.0], "fast", workers=1)

@@ -46,20 +46,8 @@ def test_rocks_are_named_as_people_name_them_and_remarks_of_a_table_are_left_alo
             read_sites(tmp_path / "rocks.csv")
 
 
-def test_a_table_in_toml_says_the_same_as_one_in_csv(tmp_path):
-    (tmp_path / "own").mkdir()
-    (tmp_path / "rocks.csv").write_text(
-        "scene,site,longitude,latitude,seismograms,age,friction\na,A,-117.5,34.25,own,15000..30000,\nb,B,,,own,,0.7\n"
-    )
-    (tmp_path / "rocks.toml").write_text(
-        '[[rock]]\nscene = "a"\nsite = "A"\nlongitude = -117.5\nlatitude = 34.25\nseismograms = "own"\n'
-        'age = "15000..30000"\n[[rock]]\nscene = "b"\nsite = "B"\nseismograms = "own"\nfriction = 0.7\n'
-    )
-    assert read_sites(tmp_path / "rocks.toml") == read_sites(tmp_path / "rocks.csv")
-
-
 REFUSED = {
-    "rocks.cell_unnamed": ["scene,longitude,latitude\nrock,-117,5,34,25\n"],
+    "table.row_wrong_length": ["scene,longitude,latitude\nrock,-117,5,34,25\n"],
     "campaign.value_unusable": [
         "scene,longitude,latitude\nrock,543.5,34\n", "scene,longitude,latitude\nrock,-117,91\n",
         "scene,longitude,latitude\nrock,11855,34\n", "scene,longitude,latitude\nrock,east,1\n",

@@ -63,17 +63,14 @@ def test_the_rate_is_that_of_the_last_minute_of_stored_rows(planned, tmp_path):
     assert state["left_s"] == pytest.approx((15 - 12) / state["rate_per_s"])
 
 
-def test_jobs_to_be_done_again_are_told_while_the_session_goes_on_and_no_longer(planned, tmp_path):
+def test_workers_are_told_while_the_session_goes_on_and_no_longer(planned, tmp_path):
     run = tmp_path / "run"
     write_part(run, rows(planned, [("crashed", "died")] * 4 + [("ok", "")] * 11))
-    workers = {"workers": 2, "deaths": 0}
     with session(run), journal(run):
-        log_event("rows stored", again=0, workers=9, deaths=9)  # of an earlier session
-        log_event("work began", again=4, **workers)
-        assert (state_of(run)["again"], state_of(run)["workers"]) == (4, 2)
-        log_event("rows stored", again=1, **workers)
-        assert state_of(run)["again"] == 1
-    assert (state_of(run)["again"], state_of(run)["state"]) == (0, "complete")
+        log_event("rows stored", workers=9, deaths=9)  # of an earlier session
+        log_event("work began", workers=2, deaths=0)
+        assert (state_of(run)["workers"], state_of(run)["deaths"]) == (2, 0)
+    assert (state_of(run)["workers"], state_of(run)["state"]) == (None, "complete")
 
 
 def test_a_look_at_the_state_keeps_no_session_from_beginning(planned, tmp_path, monkeypatch):

@@ -115,7 +115,7 @@ def as_frame_of(jobs):
 
 
 def test_every_job_is_in_a_cell_or_counted_as_unplaced(hand_made):
-    lost = [row("f", status="crashed", toppled=None), row("g", status="timeout", toppled=None)]
+    lost = [row("f", status="crashed", toppled=None), row("g", status="failed", toppled=None)]
     crashed = pd.concat([hand_made, as_frame_of(lost)], ignore_index=True)
     for plane in (PLANES["pga_pgv_pga"], PLANES["pga_pgv"]):
         table = cells(crashed, plane)

@@ -1,4 +1,4 @@
-"""A row says what computed it, and unlike machines are told."""
+"""A row says what computed it."""
 
 import os
 import re
@@ -9,7 +9,7 @@ import pyarrow.parquet as pq
 from seeded import row
 
 from toppling.models.files.digest import write_table
-from toppling.orchestrator.code_identity import processor, unlike
+from toppling.orchestrator.code_identity import processor
 from toppling.results.reader import open_run
 from toppling.results.schema import ADDED_LATER, SCHEMA, describe
 from toppling.results.store import compact, write_part
@@ -55,8 +55,3 @@ def test_results_of_before_these_columns_are_read_with_nulls(tmp_path):
     for run in (open_run(tmp_path), open_run(compact(tmp_path).parent)):
         assert sorted(run.table()["cpu"].to_pylist(), key=str) == [None, "of today"]
         assert run.sql("select count(*) n from results where cpu is null")["n"].to_pylist() == [1]
-
-
-def test_workers_of_unlike_kernels_are_told_and_like_ones_are_not():
-    assert unlike(["BLAS Zen, LLVM znver3"] * 4) == unlike([]) == ""
-    assert "LLVM haswell; BLAS Zen" in unlike(["BLAS Zen, LLVM znver3", "BLAS Haswell, LLVM haswell"])

@@ -40,8 +40,8 @@ _PRESSED_SHARE = 1e-5
 _TIPPED_COSINE = math.cos(math.radians(0.5 * TOPPLED_TILT_DEG))  # of half the largest tilt of the path
 
 _GATHERED = 3e-3
-"""Energy per mass over g R up to which a rock on smooth contacts counts as at rest, and none as fallen: it gathers as much
-over the unevenness of its base, or in a fall of 4 degrees about an edge."""
+"""Energy per mass over g R up to which a rock on smooth contacts counts as at rest, and none as fallen: it gathers so
+much over the unevenness of its base, or in a fall of 4 degrees about an edge."""
 
 _BEYOND = 0.01
 """Share by which the acceleration that moves the rock on, and a hundredth of g, exceed the largest at rest."""
@@ -168,7 +168,7 @@ def _path(body: GroundedBody, azimuth_deg: float, touching_share: float) -> tupl
 
 
 def _climb(turn: Turn, force: Array, apart: np.ndarray) -> float:
-    """Energy per mass up to the balance of a rotation, or to where a contact lands; infinite where the force turns it."""
+    """Energy per mass up to a rotation's balance, or to where a contact lands; infinite where the force turns it."""
     com = -turn.arm_m + (turn.arm_m @ turn.axis) * turn.axis
     side = crossed(turn.axis, com)
     along, ahead = float(com @ force), float(side @ force)

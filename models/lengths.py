@@ -37,8 +37,6 @@ _ROCK_M = (0.1, 30.0)
 """Range of heights of known precarious rocks, m; outside it a more plausible unit is suggested."""
 _LARGEST_M3 = 5000.0
 """Maximum plausible volume of a rock, m³: twice that of the largest balanced rocks."""
-_CUBES_OF_HEIGHT = (0.01, 3.0)
-"""Range of plausible volumes of a rock, in cubes of its height: others are too thin, or too flat to be precarious."""
 
 
 def other_unit_in(remarks: Iterable[str]) -> str:
@@ -116,24 +114,6 @@ def too_large(height_m: float, volume_m3: float, option: str = "--units") -> str
     readings = explaining_units(height_m)
     would = f"; if the coordinates are in {readings}, say so by {option}" if readings else ""
     return f"the rock is {', and it is '.join(reasons)}{would}"
-
-
-def size_note(height_m: float, volume_m3: float = 0.0) -> str:
-    """Warning of an implausible height or volume of a rock; empty for others.
-
-    Examples
-    --------
-    >>> size_note(14.05, 583.0)
-    ''
-    """
-    reasons = [too_large(height_m, volume_m3)]
-    cubes = volume_m3 / height_m**3
-    if volume_m3 and not _CUBES_OF_HEIGHT[0] <= cubes <= _CUBES_OF_HEIGHT[1]:
-        shape = "thinner" if cubes < _CUBES_OF_HEIGHT[0] else "flatter"
-        reasons.append(
-            f"the rock is {shape} than any precarious rock: are heights in the unit of the other coordinates?"
-        )
-    return "; ".join(filter(None, reasons))
 
 
 def in_degrees(what: str, where: str) -> InputError:

@@ -121,7 +121,9 @@ _REPORT = {
         "kinds?": {f"{kind}?": {"weight": SHARE, "draws": whole(0, 1_000_000)} for kind in KINDS},
         "contacts?": {"reach": [{"low_m": NUMBER, "high_m": NUMBER}], "count": [whole(0, 1_000_000), 3]},
         "com_m?": [[NUMBER, 3], 3],
+        "volume_m3?": [between(0.0, 1e12), 3],
         "touches_at_gaps?": [{"place": whole(1, 1_000_000), "gap_m": _SPREAD}],
+        "pulls_beyond?": [{"azimuth_deg": _AZIMUTH, "ratio": _SPREAD, "low": _SPREAD, "high": _SPREAD}],
         "next_observations?": [
             {"kind": one_of("look", "pull"), "from_deg": _AZIMUTH, "to_deg": between(0.0, 720.0), "width": _SPREAD},
         ],

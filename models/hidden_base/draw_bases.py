@@ -16,7 +16,6 @@ from toppling.models.hidden_base.evidence import (
     OTHER_ERRORS_SHARE,
     Pulls,
     bowls,
-    check_spanned,
     conditioned,
     flat_draws,
     fractions_by_evidence,
@@ -27,7 +26,7 @@ from toppling.models.hidden_base.gap import Base, GapDraw, Underside, draw_gaps,
 from toppling.models.hidden_base.inspection import Inspection
 from toppling.models.hidden_base.intervals import FEW_DISTINCT
 from toppling.models.hidden_base.observed import HiddenPart, hidden_part, reliefs
-from toppling.models.hidden_base.statics import BAND_PER_HEIGHT, DrawStatics, mass_moved_m
+from toppling.models.hidden_base.statics import BAND_PER_HEIGHT, DrawStatics, base_taken
 from toppling.models.hidden_base.unseen_base import BaseDraw, UnseenBase
 from toppling.models.pedestal import Pedestal
 from toppling.models.proportions import effective_number
@@ -61,6 +60,7 @@ class DrawnBases:
     part: HiddenPart
     gaps: list[GapDraw]
     com_m: Array  # (n, 3): centre of mass with each, scene frame
+    taken_m3: Array  # (n,): what each takes of the rock as it was closed
     # (n, azimuths): quasi-static toppling acceleration with each, for ground accelerations toward AZIMUTHS_DEG.
     toppling_m_s2: Array
     # (3,): standard deviation of the centre of mass before anything was measured on the base.
@@ -97,6 +97,16 @@ class DrawnBases:
         logs = np.log(np.maximum(self.toppling_m_s2, 1e-3))
         away = np.abs(logs - np.median(logs, axis=0)).mean(axis=1)
         return np.argsort(away, kind="stable").tolist()
+
+    def volume_interval_m3(self, closed_m3: float, closing_std_m3: float) -> list[float]:
+        """Low, median and high of the volume, with the error of what was closed beside the base.
+
+        That of the rock as it was closed, on all that may touch, lies in the interval: no draw rests so.
+        """
+        tail, other = 0.5 * (1.0 - LEVEL), 1.645 * closing_std_m3
+        low, median, high = np.quantile(closed_m3 - self.taken_m3, [tail, 0.5, 1.0 - tail])
+        high = max(high, closed_m3)
+        return [median - np.hypot(median - low, other), median, median + np.hypot(high - median, other)]
 
     def com_interval_m(self) -> Array:
         """Low, median and high of each coordinate of the centre of mass, (3, 3).
@@ -148,7 +158,7 @@ def draw_bases(
     closed, base: the rock closed with a base, for its mass, and that base.
     com_std_m: (3,), standard deviation of its centre of mass.
     pedestal: its surface, over which the rock rolls; the interface if not given.
-    Raises InputError if no base agrees with all of it: `ContradictionError`; if a pull lies beyond what the bases bear.
+    Raises ContradictionError if no base agrees with all of it.
     """
     inspection = inspection or Inspection()
     near = observed.near(interface)
@@ -171,6 +181,7 @@ def draw_bases(
         part,
         [gap for gap, _ in selected],
         np.array([com for _, com in selected]),
+        np.array([base_taken(part, base, gap.gap_m, closed, interface)[1] for gap, _ in selected]),
         np.array(toppling),
         com_std_m,
         np.array(lift_off) if interface.is_plane else None,
@@ -229,7 +240,6 @@ def _weighed(
 
     found = likely(found)
     weight, ratios = mixed_weights([gap for gap, _ in found], fractions), borne(found)
-    check_spanned(pulls, ratios, weight)
     likelihood = pulls_log_likelihood(pulls, ratios)
     for _ in range(MORE_ROUNDS):
         if effective_number(weight * np.exp(likelihood)) >= ENOUGH:
@@ -262,7 +272,7 @@ def _standing_draws(
         gaps += flat_draws(part, base, DRAWS)
     found = []
     for gap in gaps:
-        com_m = closed.com_m + offsets_m[gap.number] + mass_moved_m(part, base, gap.gap_m, closed, interface)
+        com_m = closed.com_m + offsets_m[gap.number] + base_taken(part, base, gap.gap_m, closed, interface)[0]
         touching = part.observed.places_m[gap.gap_m <= 0.0]
         if encloses(touching, interface.projected_m(com_m[None])[0]):
             found.append((gap, com_m))

@@ -9,7 +9,6 @@ from scipy.optimize import brentq
 from scipy.special import logsumexp
 
 from toppling.models.arrays import Array
-from toppling.models.errors import InputError
 from toppling.models.hidden_base.gap import Base, GapDraw, Relief, flat_log_likelihood, side_raised
 from toppling.models.hidden_base.observed import (
     LEVEL_PER_WIDTH,
@@ -132,10 +131,6 @@ of 13 rocks of four families, and 97 % of 12 rocks of four others (benchmarks/sc
 _PULL_STD_SHARE = float(np.hypot(0.05, OTHER_ERRORS_SHARE))
 """How well a pull or tilt test tells the ratio that a draw bears: 5 % of the force's direction, height and reading
 together, and what the draw itself is off by."""
-_SPANNED_STDS = 2.5
-"""Standard deviations beyond which a measured ratio contradicts all draws: of true ones one in 80."""
-_SPANNED_SHARE = 0.99
-"""Share of the draws' weight that spans them: next to none of the others would be kept."""
 Pulls = Sequence[tuple[float, float]]
 
 
@@ -161,37 +156,3 @@ def conditioned(weight: Array, log_likelihood: Array, enough: float) -> Array:
 
     power = 1.0 if spare(1.0) >= 0.0 else brentq(spare, 0.0, 1.0)
     return np.asarray(weight * np.exp(power * log_likelihood))
-
-
-def check_spanned(pulls: Pulls, ratios: Array, weight: Array) -> None:
-    """Refuse a pull that no draw comes near.
-
-    pulls: sequence of (azimuth_deg, ratio).
-    ratios: (n, pulls), what each draw bears toward the azimuths.
-    weight: (n,), of the draws, before anything was measured.
-    Raises InputError if a ratio lies outside of what the draws span by more than its error.
-    """
-    error = _SPANNED_STDS * _PULL_STD_SHARE
-    for (azimuth, ratio), drawn in zip(pulls, ratios.T, strict=True):
-        low, high = _span(drawn, weight)
-        if low < ratio * (1.0 + error) and high > ratio * (1.0 - error):
-            continue
-        raise InputError(
-            "base.pull_beyond",
-            f"no drawn base agrees with a largest force of {ratio:g} of the weight toward azimuth {azimuth:g}°: there "
-            f"they bear {low:.3g} to {high:.3g}",
-            where=f"--pull {azimuth:g} {ratio:g}",
-            expected=f"a ratio that a drawn base bears, within the test's error of {100 * error:.0f} %",
-            remedy="check that AZIMUTH is the direction of the pull (the opposite of the ground's acceleration), in "
-            "degrees counter-clockwise from east, and RATIO the largest force over the weight; else the interface "
-            "(--plane, --point, --outline) or a place of --contact is wrong",
-        )
-
-
-def _span(drawn: Array, weight: Array) -> tuple[float, float]:
-    """Between what ratios nearly all of the draws' weight lies."""
-    order = np.argsort(drawn)
-    below = np.cumsum(weight[order]) / weight.sum()
-    tail = 0.5 * (1.0 - _SPANNED_SHARE)
-    low, high = np.searchsorted(below, [tail, 1.0 - tail]).clip(max=len(drawn) - 1)
-    return float(drawn[order[low]]), float(drawn[order[high]])

@@ -54,6 +54,13 @@ def base_sentences(report: Mapping[str, Any]) -> list[str]:
         "bases touch there as said; check it"
         for row in found.get("touches_at_gaps", [])
     ]
+    sentences += [
+        f"warning: the pull of {row['ratio']:.3g} of the weight toward azimuth {row['azimuth_deg']:.0f}° lies outside "
+        f"what the drawn bases bear, {row['low']:.3g} to {row['high']:.3g}: check it, and that its azimuth is that of "
+        "the force, not of the ground; if it is right the rock topples otherwise than is stated, and the interface "
+        "may be another (--plane, --point)"
+        for row in found.get("pulls_beyond", [])
+    ]
     if candidates := found.get("next_observations"):
         sentences.append(_narrowing_sentence(candidates, median_width(table)))
     distinct = found.get("distinct", found["draws"])
@@ -68,6 +75,15 @@ def base_sentences(report: Mapping[str, Any]) -> list[str]:
             "nominal scene has a smooth base, while the rock stands on every drawn base with the centre drawn with it"
         )
     return sentences
+
+
+def volume_text(report: Mapping[str, Any], mesh_m3: float) -> str:
+    """Volume of a rock with its drawn bases, median and interval; of its mesh where there are none."""
+    found = report.get("unseen_base") or {}
+    if "volume_m3" not in found:
+        return f"{mesh_m3:.4g} m³"
+    low, median, high = found["volume_m3"]
+    return f"{median:.4g} m³ ({low:.4g} to {high:.4g} in {100 * found['level']:.0f} % of its bases)"
 
 
 def _narrowing_sentence(found: Sequence[Mapping[str, Any]], now: float) -> str:

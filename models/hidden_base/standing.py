@@ -126,14 +126,18 @@ def base_unseen(
 
     inspection, unaided: in the scene's frame, and the intervals without it, if they are known.
     Returns the rock as it was closed, over a surface with the base on which the scene stands; the draws; what they say.
-    Raises InputError if the inspection's places are none of the base, no base bears a pull, or what was seen
-    leaves no base on which the rock stands as it was scanned.
+    Raises InputError if the inspection's places are none of the base, or what was seen leaves no base on which the rock
+    stands as it was scanned.
     """
     smooth = hidden_base(observed.near(interface), observed.hint, interface)
-    std_m = np.array(spread_of(closed)["com_std_m"])
+    spread = spread_of(closed)
+    std_m = np.array(spread["com_std_m"])
     drawn = draw_bases(observed, interface, closed.rock, smooth, std_m, inspection, pedestal)
     report: dict[str, Any] = {"level": LEVEL} | intervals(drawn, interface)
+    report["volume_m3"] = drawn.volume_interval_m3(closed.rock.volume_m3, spread["volume_std_m3"])
     report["next_observations"] = observations(drawn, interface)
+    if inspection.pulls:
+        report["pulls_beyond"] = pulls_beyond(drawn, inspection)
     seen_m = drawn.part.touched_gap_m
     report["touches_at_gaps"] = [
         {"place": int(k) + 1, "gap_m": float(seen_m[k])}
@@ -153,6 +157,17 @@ def base_unseen(
     as_closed &= interface.is_plane  # over the plane as a surface it may stand as it was closed
     rock, unseen, number = _bases_on_surface(drawn, rock, smooth, interface, observed.height_m, as_closed)
     return rock, unseen, report | {"nominal_at_rest": as_closed or number is not None}
+
+
+def pulls_beyond(drawn: DrawnBases, inspection: Inspection) -> list[dict[str, float]]:
+    """Pulls outside of what the draws that agree best with them bear, in 90 %, over the weight."""
+    low, _, high = np.array(drawn.interval_m_s2()) / STANDARD_GRAVITY_M_S2
+    found = []
+    for azimuth, ratio in inspection.pulls:
+        ends = [float(np.interp(azimuth + 180.0, AZIMUTHS_DEG, bound, period=360.0)) for bound in (low, high)]
+        if not ends[0] <= ratio <= ends[1]:
+            found.append({"azimuth_deg": azimuth, "ratio": ratio, "low": ends[0], "high": ends[1]})
+    return found
 
 
 def _unaided(

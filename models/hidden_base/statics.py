@@ -148,8 +148,10 @@ def tips_on_surface(
     return found
 
 
-def mass_moved_m(part: HiddenPart, base: Base, gap_m: Array, rock: Rock, interface: Interface) -> Array:
-    """Shift (3,) of the centre of mass by what a draw's base takes from the rock that another base closed."""
+def base_taken(
+    part: HiddenPart, base: Base, gap_m: Array, rock: Rock, interface: Interface
+) -> tuple[Array, float]:
+    """Shift (3,) of the centre of mass, m, by what a draw takes from the rock as closed, and its volume, m3."""
     places = part.observed.places_m[: part.inner]
     lower, upper = base.grid.at(base.height_m, places), gap_m[: part.inner]
     closes = part.in_closing
@@ -159,4 +161,5 @@ def mass_moved_m(part: HiddenPart, base: Base, gap_m: Array, rock: Rock, interfa
     taken = np.where(closes, upper - lower, 0.0) * cell_m2
     com = interface.flat(rock.com_m[None])[0]
     arms = np.column_stack([places, 0.5 * (upper + lower)]) + interface.rise(places) - com
-    return np.asarray(interface.axes @ -(taken[:, None] * arms).sum(axis=0) / rock.volume_m3)
+    shift_m = interface.axes @ -(taken[:, None] * arms).sum(axis=0) / rock.volume_m3
+    return shift_m, float(taken.sum())

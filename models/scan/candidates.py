@@ -119,7 +119,7 @@ def find_candidates(points_m: Array, coarse: Surfels) -> list[Candidate]:
         for peak, level in _peaks(coarse, edges)
         for share in _TRIED_HEIGHTS
     ]
-    on_planes = [cut for plane in level_planes(coarse, edges) for cut in _on_plane(coarse, edges, plane)]
+    on_planes = [cut for plane in _level_planes(coarse, edges) for cut in _on_plane(coarse, edges, plane)]
     closed = [candidate for candidate in [*cuts, *on_planes] if candidate is not None and _closes(candidate)]
     found: list[Candidate] = []
     for candidate in sorted(closed, key=lambda candidate: candidate.cost):
@@ -275,7 +275,7 @@ def cut_between(
     return Candidate(float(np.ptp(points[rock, 2])), points[peak], surfels, rock, share, cost, loop_m)
 
 
-def level_planes(surfels: Surfels, edges: Indices) -> list[Interface]:
+def _level_planes(surfels: Surfels, edges: Indices) -> list[Interface]:
     """Planes of neighbouring patches that something can stand on, the widest first."""
     level = surfels.normals[:, 2] > LEVEL
     alike = np.einsum("ij,ij->i", surfels.normals[edges[:, 0]], surfels.normals[edges[:, 1]]) > _ALIKE

@@ -164,6 +164,8 @@ _AGREES_PER_HEIGHT = 0.002
 _POINTED_PER_HEIGHT = 0.05
 """Largest mean distance of picked places, over the rock's height; farther away another pedestal was
 meant. One of them may be off by twice as much."""
+_FOOT_PER_HEIGHT = 0.1
+"""Height over the pedestal below which patches are of the rock's foot, over the rock's height."""
 _PLANE_PER_OFF = 1.0 / 3.0
 """Roughness of a pedestal over how far places lie off it, below which the places are off and not its plane."""
 
@@ -185,8 +187,12 @@ def seen_about_points(hint: InterfaceHint, surfels: Surfels, rock: Flags) -> Int
         return None
     height_m = float(np.ptp(surfels.points_m[rock, 2]))
     over_m = seen.flat(hint.anchors_m)[:, 2]
-    off_m = float(np.abs(over_m).max())
-    if max(abs(float(over_m.mean())), 0.5 * off_m) > _POINTED_PER_HEIGHT * height_m:
+    # Below the whole foot: places near each other tell little of how their plane goes on.
+    foot = seen.flat(surfels.points_m[rock])
+    low = foot[:, 2] < _FOOT_PER_HEIGHT * height_m
+    foot = np.vstack([foot[low], seen.flat(hint.anchors_m)]) * [1.0, 1.0, 0.0]
+    off_m = float(np.abs(np.append(over_m, hint.interface.flat(seen.scene(foot))[:, 2])).max())
+    if max(abs(over_m.mean()), 0.5 * np.abs(over_m).max()) > _POINTED_PER_HEIGHT * height_m:
         return None
     if off_m < _AGREES_PER_HEIGHT * height_m:
         return None
@@ -200,8 +206,8 @@ def points_text(hint: InterfaceHint, seen: Interface) -> str:
     heights_m = seen.flat(hint.anchors_m)[:, 2]
     dip_deg, toward_deg = slope_of_normal(seen.normal)
     return (
-        f"the places of --point lie {heights_m.min():+.2g} to {heights_m.max():+.2g} m over the pedestal that was seen "
-        f"about them, which is a plane within {seen.roughness_m:.2g} m: it was taken instead, and dips by "
-        f"{dip_deg:.1f} degrees toward {direction_text(toward_deg)}. An interface that is to be taken as it is given "
-        "is said by --plane"
+        f"the places of --point lie {heights_m.min():+.2g} to {heights_m.max():+.2g} m over "
+        f"the pedestal that was seen about them, which is a plane within {seen.roughness_m:.2g} m: it was taken "
+        f"instead, and dips by {dip_deg:.1f} degrees toward {direction_text(toward_deg)}. An interface that is to be "
+        "taken as it is given is said by --plane"
     )

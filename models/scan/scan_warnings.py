@@ -15,7 +15,7 @@ from toppling.models.errors import InputError
 from toppling.models.frames import horizontal_unit_vector, slope_of_normal
 from toppling.models.rock import Rock
 from toppling.models.scan import o3d
-from toppling.models.scan.candidates import level_planes, neighbourhood
+from toppling.models.scan.candidates import LEAST_SURFELS
 from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.directions import (
     SECTORS,
@@ -26,10 +26,10 @@ from toppling.models.scan.directions import (
     sectors,
     widest_gap_deg,
 )
-from toppling.models.scan.interface import Interface, fit_interface, fitted_plane
+from toppling.models.scan.interface import Interface, fit_interface
 from toppling.models.scan.interface_hint import OFF_PER_HEIGHT
 from toppling.models.scan.segment import ROCK
-from toppling.models.scan.surfels import LEVEL, Surfels, scene_of_rays
+from toppling.models.scan.surfels import scene_of_rays
 from toppling.models.scan.uncertainty import ObservedRock, outside_support_m
 
 _MOST_INVENTED = 0.6
@@ -48,13 +48,10 @@ _CREASED_SHARE = 0.5
 """Share of the rim that was seen along which a crease must show."""
 _TOUCHES_ABOVE, _LEAST_TOUCHES = 0.2, 8
 """Share of the rock's height above which so many patches that touch it are a warning."""
-_DIPS_DEG, _ALIKE_DEG = (1.5, 12.0), 1.3
-"""Dips of levels that were not made so, and the angle between two that were made alike."""
-_EVEN_VOXELS, _EVEN, _OF_LEVELS, _APART_VOXELS = 0.5, 0.75, 0.05, 6.0
-"""Distance from its plane of a level that was made, share of its patches so near to it, its share of all level patches,
-and how far over each other two lie, in widths of a patch."""
 _OFF_SURFACE = 0.3
 """Widths of a patch by which half of the seen points may lie off the surface: noise is a tenth of it."""
+_LEFT_OVER = 2.0
+"""Widths of a patch off the closed surface from which on a patch is none of it."""
 _SAMPLE = 20_000
 """Points that tell how far they lie off the surface."""
 
@@ -93,7 +90,6 @@ def warnings_of(
             closed.rock, points_m[at_most(np.flatnonzero(label == ROCK), _SAMPLE)], observed.surfels.voxel_m
         ),
         unseen_rim(observed, interface, closed.rock.com_m),
-        tilted_frame(observed.surfels, observed.patches),
     ]
     return [warning for warning in found if warning is not None]
 
@@ -228,38 +224,35 @@ def off_hint(observed: ObservedRock, interface: Interface, origin_m: Array) -> S
     )
 
 
-def tilted_frame(surfels: Surfels, rock: Flags) -> ScanWarning | None:
-    """A warning where levels at different heights beside a rock (k,) dip alike, as paving, steps and plinths do."""
-    level_patches = surfels.only(~rock & (surfels.normals[:, 2] > LEVEL))
-    points, even_m = level_patches.points_m, _EVEN_VOXELS * level_patches.voxel_m
-    levels = []
-    for rough in level_planes(level_patches, neighbourhood(points, level_patches.voxel_m)):
-        near = np.abs(rough.flat(points)[:, 2]) < even_m
-        plane = fitted_plane(points[near])
-        own = np.abs(plane.flat(points)[:, 2]) < 4.0 * even_m
-        if near.mean() > _OF_LEVELS and (np.abs(plane.flat(points[own])[:, 2]) < even_m).mean() > _EVEN:
-            levels.append(plane)
-    levels = [plane for plane in levels if plane.normal @ levels[0].normal > np.cos(np.deg2rad(_ALIKE_DEG))]
-    if not levels:
-        return None
-    dip_deg, toward_deg = slope_of_normal(levels[0].normal)
-    up_m = [float((plane.point_m - levels[0].point_m) @ levels[0].normal) for plane in levels]
-    apart_m = max(up_m) - min(up_m)
-    if not _DIPS_DEG[0] < dip_deg < _DIPS_DEG[1] or apart_m < _APART_VOXELS * surfels.voxel_m:
-        return None
-    return ScanWarning(
-        "frame",
-        f"levels {apart_m:.2g} m apart beside the rock dip alike, by {dip_deg:.1f} degrees toward "
-        f"{direction_text(toward_deg)}: if they were made level, z does not point upward in this cloud, and the rock "
-        "is taken to lean by as much. Then give --up {:.4f},{:.4f},{:.4f}".format(*levels[0].normal),
-    )
+def _off_m(rock: Rock, places_m: Array) -> Array:
+    """How far places (n, 3) lie off a rock's surface (n,)."""
+    scene = scene_of_rays((rock.vertices_m, rock.faces))
+    return scene.compute_distance(o3d.core.Tensor.from_numpy(places_m.astype(np.float32)), nthreads=1).numpy()
+
+
+def left_over(rock: Rock, observed: ObservedRock) -> tuple[Flags, list[ScanWarning]]:
+    """Which patches (k,) were split as the rock's and lie off the surface that closes about the others; and a warning.
+
+    Of rocks alone so far off are one in a thousand, mixed pixels; of a bush nearly all.
+    """
+    patches, found = np.flatnonzero(observed.patches), np.zeros(len(observed.patches), bool)
+    off_m = _off_m(rock, observed.surfels.points_m[patches])
+    found[patches] = off_m > _LEFT_OVER * observed.surfels.voxel_m
+    if found.sum() < LEAST_SURFELS:
+        return found, []
+    return found, [
+        ScanWarning(
+            "left_over",
+            f"{found.sum() / len(patches):.1%} of what was split as the rock lies off the surface closed about the "
+            f"rest, by up to {off_m.max():.2g} m, as plants do: it is left out. If it is of the rock, scan what joins "
+            "them, or give the two as --rock and --pedestal",
+        )
+    ]
 
 
 def _off_surface(rock: Rock, seen_m: Array, voxel_m: float) -> ScanWarning | None:
     """A warning where the rock's points lie off the surface closed about them; refused from a patch's width on."""
-    scene = scene_of_rays((rock.vertices_m, rock.faces))
-    off = scene.compute_distance(o3d.core.Tensor.from_numpy(seen_m.astype(np.float32)), nthreads=1).numpy()
-    off_m = float(np.median(off))
+    off_m = float(np.median(_off_m(rock, seen_m)))
     if off_m < _OFF_SURFACE * voxel_m:
         return None
     what = f"half of the rock's points lie more than {off_m:.2g} m off its closed surface"

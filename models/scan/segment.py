@@ -390,7 +390,7 @@ def cut_over(points_m: Array, parts: Segmentation, interface: Interface) -> Segm
         return parts
     edges = neighbourhood(surfels.points_m, surfels.voxel_m)
     found = minimum_cut(surfels, edges, seeds, far, over[:, 2])
-    return _relabelled(points_m, parts, found & ~rock & (over[:, 2] > clear), ROCK)
+    return relabelled(points_m, parts, found & ~rock & (over[:, 2] > clear), ROCK)
 
 
 def without_ground(
@@ -408,10 +408,10 @@ def without_ground(
         own[rock] = spacing_m
         distance_m, nearest = cKDTree(over[above, :2]).query(over[level, :2])
         level[level] = distance_m > JOINED_SPACINGS * np.minimum(own[level], own[above][nearest])
-    return _relabelled(points_m, parts, level, PEDESTAL)
+    return relabelled(points_m, parts, level, PEDESTAL)
 
 
-def _relabelled(points_m: Array, parts: Segmentation, patches: Flags, to: int) -> Segmentation:
+def relabelled(points_m: Array, parts: Segmentation, patches: Flags, to: int) -> Segmentation:
     """Change the label of some patches (k,) and of their points."""
     if not patches.any():
         return parts

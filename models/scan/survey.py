@@ -23,7 +23,7 @@ from toppling.models.hidden_base.gap import hidden_base
 from toppling.models.hidden_base.inspection import Inspection
 from toppling.models.hidden_base.near_interface import near_the_interface
 from toppling.models.hidden_base.standing import base_unseen, check_inspection
-from toppling.models.lengths import size_note
+from toppling.models.lengths import too_large
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock, check_size
 from toppling.models.scan.close import SHARES, ClosedRock, close_rock
@@ -37,7 +37,7 @@ from toppling.models.scan.parts import as_labelled
 from toppling.models.scan.plausible import step_note
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.register import Registered, registered
-from toppling.models.scan.scan_warnings import warnings_of
+from toppling.models.scan.scan_warnings import left_over, warnings_of
 from toppling.models.scan.segment import (
     NEITHER,
     PEDESTAL,
@@ -45,6 +45,7 @@ from toppling.models.scan.segment import (
     Segmentation,
     cut_over,
     label_surfels,
+    relabelled,
     segment,
     with_reason,
     without_ground,
@@ -326,22 +327,26 @@ def work_out(
     try:
         parts, hint, moved = _split_at(cloud, near, hint)
         progress("fitting the interface")
-        seen = _classified(cloud, parts, hint)
+        parts, interface = _classified(cloud, parts, hint)
+        seen = _seen(cloud, parts, hint, interface)
     except InputError as error:
         if cloud.label is not None:  # given apart, not found in one cloud
             raise
         raise with_reason(error, cloud.points_m) from error
+    check_size(seen.observed.height_m, "units")
+    check_above(seen.observed, seen.interface)
+    check_inspection(seen.observed, seen.interface, inspection.moved(cloud.origin_m))
+    progress("closing the rock")
+    closed = seen.closed
+    leaves, doubted = left_over(closed.rock, seen.observed)
+    if doubted:
+        seen = _seen(cloud, relabelled(cloud.points_m, parts, leaves, NEITHER), hint, interface)
+        closed = seen.closed
     observed, interface, height_m = seen.observed, seen.interface, seen.observed.height_m
-    check_size(height_m, "units")
-    check_above(observed, interface)
-    check_inspection(observed, interface, inspection.moved(cloud.origin_m))
     notes = [f"{source.name}: {source.note}" for source in cloud.sources if source.note]
     if cloud.coarsest is not None:
         notes.append(step_note(cloud.coarsest.step_m, height_m, cloud.coarsest.name))
-    progress("closing the rock")
-    base = hidden_base(observed.near(interface), observed.hint, interface)
-    closed = close_rock(observed.surfels, observed.patches, base, interface)
-    doubted = warnings_of(observed, interface, closed, cloud.points_m, seen.label, cloud.origin_m)
+    doubted += warnings_of(observed, interface, closed, cloud.points_m, seen.label, cloud.origin_m)
     progress("meshing the pedestal")
     ground = pedestal_ground(observed.surfels, seen.pedestal, closed.rock, interface)
     below = at_most(np.flatnonzero(seen.label == PEDESTAL), _BESIDE_POINTS)
@@ -365,7 +370,7 @@ def work_out(
         or [{"name": name, "points": points} for name, points in cloud.files],
         "uncertainty": spread_of(closed),
     }
-    notes += [moved, size_note(height_m, closed.rock.volume_m3), *(doubt.sentence for doubt in doubted)]
+    notes += [moved, too_large(height_m, closed.rock.volume_m3), *(doubt.sentence for doubt in doubted)]
     seat = ground.pedestal, cloud.origin_m, fitted.bounds_m
     cached = CachedScan(observed, interface, closed, *seat, report, inspection)
     return cached, seen.label, tuple(filter(None, notes))
@@ -405,8 +410,17 @@ class _Seen:
     interface: Interface
     in_reach: Flags  # (k,): which are in reach of the tilting rock, and no map of heights shows them
 
+    @property
+    def closed(self) -> ClosedRock:
+        """The rock closed with its base."""
+        observed, interface = self.observed, self.interface
+        base = hidden_base(observed.near(interface), observed.hint, interface)
+        return close_rock(observed.surfels, observed.patches, base, interface)
 
-def _classified(cloud: Cloud, parts: Segmentation, hint: InterfaceHint | None) -> _Seen:
+
+def _classified(
+    cloud: Cloud, parts: Segmentation, hint: InterfaceHint | None
+) -> tuple[Segmentation, Interface]:
     """Rock, pedestal and interface, by the crevice at full resolution."""
     surfels, rock = parts.surfels, parts.surfel_label == ROCK
     interface = fit_interface(surfels, rock) if hint is None else hint.interface
@@ -426,8 +440,14 @@ def _classified(cloud: Cloud, parts: Segmentation, hint: InterfaceHint | None) -
         label = judge_crevice(*near_interface, given=hint is not None)
         parts = replace(parts, label=label, surfel_label=label_surfels(surfels, cloud.points_m, label))
         parts = without_ground(cloud.points_m, parts, interface, height)
-    label, surfel_label = parts.label, parts.surfel_label
+    return parts, interface
+
+
+def _seen(cloud: Cloud, parts: Segmentation, hint: InterfaceHint | None, interface: Interface) -> _Seen:
+    """What was seen of the parts about their interface."""
+    label, surfels, surfel_label = parts.label, parts.surfels, parts.surfel_label
     rock, pedestal = surfel_label == ROCK, surfel_label == PEDESTAL
+    height = float(np.ptp(surfels.points_m[rock, 2]))
     in_reach = surroundings_met(surfels, rock, pedestal, interface, height)
     if interface.sheet is None and in_reach.any():
         interface = level_surface(surfels, rock, height, interface)

@@ -14,17 +14,11 @@ from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.directions import middle
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.interface_hint import InterfaceHint
-from toppling.models.scan.surfels import LEVEL, Surfels
+from toppling.models.scan.surfels import Surfels
 from toppling.models.scene import Scene
 
-_BIAS = {
-    "com_per_height": 0.001,
-    "volume_share": 0.003,
-    "inertia_share": 0.003,
-    "height_share": 0.006,  # a rock's lowest place is part of its hidden base
-}
-"""Standard deviations of rocks seen all round: errors against known ones bound them (benchmarks/reports/scan.md). What
-half samples of the points spread by, joined with these, made them 1 to 13 % larger on five rocks."""
+_COM_PER_HEIGHT, _VOLUME_SHARE = 0.001, 0.003
+"""Standard deviations of rocks seen all round: errors against known ones bound them (benchmarks/reports/scan.md)."""
 
 # A smooth closing can miss, or add, as much as a cap with the
 # invented share s of the surface: on a ball 3 s^2 - 2 s^3 of the volume.
@@ -39,31 +33,13 @@ def cap_share(surface_share: float) -> float:
     return surface_share**2 * (3.0 - 2.0 * surface_share)
 
 
-def bias_floors(surface: ClosedRock) -> dict[str, float]:
-    """Standard deviations of a rock's numbers as shares: of one seen all round, and of what is invented of it.
-
-    An unseen crown is closed at the hull of what was seen and may rise above it, on a ball by that share of the crown's
-    height.
-    """
-    cap = cap_share(surface.invented_share)
-    grown = {
-        "com_per_height": _INVENTED_COM_PER_HEIGHT * cap,
-        "volume_share": cap,
-        "inertia_share": cap,
-        "height_share": 0.5 * (1.0 - LEVEL) * surface.crown_unseen_share,
-    }
-    return {name: float(np.hypot(least, grown.get(name, 0.0))) for name, least in _BIAS.items()}
-
-
 def spread_of(surface: ClosedRock) -> dict[str, Any]:
-    """Standard deviations of volume, centre of mass, inertia and height, as the report states them."""
-    rock, share = surface.rock, bias_floors(surface)
-    radius = np.sqrt(np.diag(rock.inertia_per_mass_m2))
+    """Standard deviations of volume and centre of mass beside the base, as the report states them."""
+    rock, cap = surface.rock, cap_share(surface.invented_share)
+    com_std_m = float(np.hypot(_COM_PER_HEIGHT, _INVENTED_COM_PER_HEIGHT * cap)) * rock.height_m
     return {
-        "volume_std_m3": share["volume_share"] * rock.volume_m3,
-        "com_std_m": [share["com_per_height"] * rock.height_m] * 3,
-        "inertia_per_mass_std_m2": (share["inertia_share"] * np.outer(radius, radius)).tolist(),
-        "height_std_m": share["height_share"] * rock.height_m,
+        "volume_std_m3": float(np.hypot(_VOLUME_SHARE, cap)) * rock.volume_m3,
+        "com_std_m": [com_std_m] * 3,
     }
 
 
@@ -75,7 +51,7 @@ def invention_warning(scene: Scene) -> str | None:
     if share > _MUCH_INVENTED:
         sentences.append(
             f"{share:.0%} of the rock's surface was not seen and is invented; its volume, centre of mass and inertia "
-            f"are guesses, the volume by about ±{cap_share(share):.0%}: scan the rock from the other sides"
+            "are guesses: scan the rock from the other sides"
         )
     if crown > _MUCH_INVENTED:
         sentences.append(

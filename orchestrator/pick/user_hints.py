@@ -13,7 +13,7 @@ from toppling.models.arrays import Array, Indices, at_most
 from toppling.models.errors import refusals
 from toppling.models.files.documents import shown
 from toppling.models.hidden_base.inspection import Inspection, inspection_of
-from toppling.models.hidden_base.intervals import base_sentences
+from toppling.models.hidden_base.intervals import base_sentences, volume_text
 from toppling.models.lengths import METRES
 from toppling.models.scan.hints_file import KINDS, Hints
 from toppling.models.scan.interface_hint import InterfaceHint, hint_of
@@ -21,7 +21,6 @@ from toppling.models.scan.placement import upward
 from toppling.models.scan.segment import NEITHER, ROCK
 from toppling.models.scan.surfels import SAMPLED_POINTS, SHOWN_POINTS, around, shade, thinned
 from toppling.models.scan.survey import CachedScan, Survey
-from toppling.models.scan.uncertainty import spread_of
 
 _MOST_PLACES = 1000
 """Maximum number of places of each kind."""
@@ -215,8 +214,7 @@ def answer_shown(survey: Survey | None, result: CachedScan) -> dict[str, Any]:
     report = result.report if survey is None else survey.scene.report
     base = report.get("unseen_base", {})
     return {
-        "volume_m3": rock.volume_m3,
-        "volume_std_m3": spread_of(result.closed)["volume_std_m3"],
+        "volume": volume_text(report, rock.volume_m3),
         "height_m": rock.height_m,
         "slope_deg": pedestal.slope_deg,
         "downhill_azimuth_deg": pedestal.downhill_azimuth_deg,

@@ -253,8 +253,10 @@ def _summary(scene: "Scene", out: Path) -> str:
     rock, pedestal = scene.rock, scene.pedestal
     east_m, north_m = rock.vertices_m[:, :2].max(axis=0) - rock.vertices_m[:, :2].min(axis=0)
     # Width and height together reveal different units of x, y and z.
+    from toppling.models.hidden_base.intervals import volume_text
+
     return (
-        f"{out}: rock of {rock.volume_m3:.4g} m³, {east_m:.3g} by {north_m:.3g} m wide (x, y) and "
+        f"{out}: rock of {volume_text(scene.report, rock.volume_m3)}, {east_m:.3g} by {north_m:.3g} m wide (x, y) and "
         f"{rock.height_m:.3g} m high, on a pedestal that dips "
         f"{pedestal.slope_deg:.2f}° toward azimuth {pedestal.downhill_azimuth_deg:.1f}°; "
         f"see {out / 'scene.png'}"

@@ -22,6 +22,7 @@ from toppling.models.arrays import Array
 from toppling.models.caching import cached
 from toppling.models.errors import InputError
 from toppling.models.frames import compass_deg
+from toppling.models.hidden_base.intervals import volume_text
 from toppling.models.pedestal import Pedestal
 from toppling.models.scene import Scene
 from toppling.results.drawing.roses import emptiest_deg, mark_winds, wind_of
@@ -376,12 +377,11 @@ def numbers_of(scene: Scene, notes: Sequence[str] = ()) -> list[str]:
     rock, report = scene.rock, scene.report
     spread, registration = report.get("uncertainty", {}), report.get("registration", {})
     downhill = scene.pedestal.downhill_azimuth_deg
-    volume, com = spread.get("volume_std_m3"), spread.get("com_std_m")
+    com = spread.get("com_std_m")
     if "com_m" in (report.get("unseen_base") or {}):
         com = None  # the notes give its interval over the drawn bases, which includes all uncertainty
     lines = [
-        f"volume {rock.volume_m3:.5g}{'' if volume is None else f' ± {volume:.2g}'} m³, "
-        f"height {rock.height_m:.4g} m",
+        f"volume {volume_text(report, rock.volume_m3)}, height {rock.height_m:.4g} m",
         "centre of mass {:.3f}, {:.3f}, {:.3f}".format(*rock.com_m)
         + (" m" if com is None else " ± {:.2g}, {:.2g}, {:.2g} m (one standard deviation)".format(*com)),
         f"interface falls {scene.pedestal.slope_deg:.2f}° toward azimuth "

@@ -186,14 +186,18 @@ const REMEDIES = [
   ["contact", "Touch", () => setMode("touch")], ["pull", "Pull", field("pull", "azimuth")], ["base", "Hidden base", field("base", "kind")],
   ["up", "Up", field("place", "up")], ["units", "Unit", field("place", "units")],
 ];
-function complain(error) { showError({ what: error.message.split("\n")[0], where: "", expected: "", remedy: "" }); }
+// The server's refusal: what, its code, and lines that begin with "expected:" and "remedy:".
+function complain(error) {
+  const line = name => error.message.match(new RegExp(`^ *${name}: (.*)$`, "m"))?.[1] ?? "";
+  showError({ what: error.message.split("\n")[0].replace(/ \[[\w.]+\]$/, ""), where: "", expected: line("expected"), remedy: line("remedy") });
+}
 
 function showAnswer(answer) {
   at("result").hidden = !answer;
   if (!answer) return;
   at("result").classList.toggle("stale", !state.current);
   at("stale").textContent = state.current ? "" : state.stage ? "(being worked out)" : "(of earlier hints)";
-  const rows = [["volume", `${answer.volume_m3.toPrecision(4)} ± ${answer.volume_std_m3.toPrecision(2)} m³`], ["height", `${answer.height_m.toPrecision(3)} m`],
+  const rows = [["volume", answer.volume], ["height", `${answer.height_m.toPrecision(3)} m`],
     ["pedestal", `dips ${answer.slope_deg.toFixed(1)}° toward ${bearingOf(answer.downhill_azimuth_deg)}`],
     ["surface", `${(100 * answer.surface.seen_share).toFixed(0)} % seen, ${(100 * answer.surface.invented_share).toFixed(0)} % invented`]];
   at("numbers").replaceChildren(...rows.flatMap(([name, value]) => [make("dt", name), make("dd", value)]));

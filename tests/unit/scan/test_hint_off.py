@@ -67,10 +67,10 @@ def test_how_far_a_wrong_one_lies_off_is_told_with_the_plane_that_was_seen(hint,
     assert told(seen) is None
 
 
-def pointed_at(off_m):
-    """Places around the column, so far above its pedestal."""
+def pointed_at(off_m, away=1.1):
+    """Places around the column's middle, so far above its pedestal, at such a share of its radius."""
     turn = np.deg2rad([20.0, 110.0, 200.0, 290.0])
-    places = on_the_slope(1.1 * RADIUS_M * np.cos(turn), 1.1 * RADIUS_M * np.sin(turn))
+    places = on_the_slope(away * RADIUS_M * np.cos(turn), away * RADIUS_M * np.sin(turn))
     return InterfaceHint.points(places + np.outer(off_m, NORMAL))
 
 
@@ -93,6 +93,12 @@ def test_places_clicked_off_a_plane_pedestal_give_way_to_it_by_much_or_little(sh
     said = points_text(hint, seen.interface)
     assert f"{-0.05 * share:.2g} to {0.06 * share:+.2g} m" in said
     assert "dips by 4.0 degrees toward azimuth 60" in said
+
+
+def test_true_places_near_each_other_tell_less_of_the_plane_below_the_foot_than_what_was_seen():
+    hint = pointed_at(np.array([0.003, -0.003, -0.002, 0.001]), away=0.1)
+    assert hint.interface.normal @ NORMAL < np.cos(np.deg2rad(2.0))
+    assert seen_about(hint).interface.normal == pytest.approx(NORMAL, abs=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from toppling.models.hidden_base.evidence import OTHER_ERRORS_SHARE
 from toppling.models.hidden_base.gap import GapDraw, hidden_base
 from toppling.models.hidden_base.inspection import Inspection, inspection_of
 from toppling.models.hidden_base.observed import reliefs
-from toppling.models.hidden_base.standing import check_inspection, nominal_draw
+from toppling.models.hidden_base.standing import check_inspection, nominal_draw, pulls_beyond
 from toppling.models.hidden_base.unseen_base import BaseDraw, UnseenBase
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
@@ -69,13 +69,11 @@ def drawn_with(column, *pulls, **known):
 
 
 @pytest.mark.thorough
-def test_a_pull_that_no_drawn_base_bears_is_refused_with_what_they_bear(column, few_candidates):
-    with refused("base.pull_beyond") as error:
-        drawn_with(column, (30.0, 2.0))
-    assert error.value.where == "--pull 30 2"
-    low, high = map(float, error.value.what.split("they bear ")[1].split(" to "))
-    assert 0.0 < low < high < 1.0
-    assert len(few_candidates) == 1  # nothing more is drawn for it
+def test_a_pull_that_no_drawn_base_bears_is_told_with_what_they_bear(column, few_candidates):
+    known = Inspection(pulls=((30.0, 2.0),))
+    (told,) = pulls_beyond(drawn_with(column, *known.pulls), known)
+    assert (told["azimuth_deg"], told["ratio"]) == (30.0, 2.0)
+    assert 0.0 < told["low"] < told["high"] < 1.0
 
 
 @pytest.mark.thorough
@@ -93,7 +91,12 @@ def drawn_of(toppling_m_s2, distinct=True):
     count = len(toppling_m_s2)
     gaps = [GapDraw(np.zeros(4), 0.0, number) for number in range(count if distinct else 1)]
     return DrawnBases(
-        None, gaps if distinct else gaps * count, np.zeros((count, 3)), np.asarray(toppling_m_s2), STD_M
+        None,
+        gaps if distinct else gaps * count,
+        np.zeros((count, 3)),
+        np.linspace(0.0, 0.2, count),
+        np.asarray(toppling_m_s2),
+        STD_M,
     )
 
 

@@ -1,13 +1,12 @@
-"""A pull inside the stated interval is never refused, true ones keep the truth in it, and the best is named."""
+"""A pull inside the stated interval leaves many draws, true ones keep the truth in it, and the best is named."""
 
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from toppling.models.errors import InputError
 from toppling.models.hidden_base.draw_bases import AZIMUTHS_DEG, DRAWS, ENOUGH, interval_of
-from toppling.models.hidden_base.evidence import check_spanned, conditioned, pulls_log_likelihood
+from toppling.models.hidden_base.evidence import conditioned, pulls_log_likelihood
 from toppling.models.hidden_base.gap import resampled
 from toppling.models.hidden_base.intervals import LOOK, PULL
 from toppling.models.hidden_base.next_look import observations
@@ -35,13 +34,12 @@ def known_by(pulls, ratios, weight, random):
     """What the draws that are kept bear after pulls, numbers of azimuths with what was measured there."""
     said = [(TURNS_DEG[row], value) for row, value in pulls]
     measured = ratios[:, [row for row, _ in pulls]]
-    check_spanned(said, measured, weight)
     likelihood = pulls_log_likelihood(said, measured)
     return ratios[resampled(conditioned(weight, likelihood, ENOUGH), DRAWS, random)]
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_a_pull_anywhere_inside_the_stated_interval_is_accepted_and_one_far_outside_refused(seed):
+def test_a_pull_anywhere_inside_the_stated_interval_leaves_many_draws(seed):
     random = np.random.default_rng(seed)
     ratios, weight = ratios_of(200, random), random.exponential(size=200)
     low, _, high = interval_of(ratios[resampled(weight, DRAWS, random)])
@@ -49,10 +47,6 @@ def test_a_pull_anywhere_inside_the_stated_interval_is_accepted_and_one_far_outs
         for value in np.linspace(low[row], high[row], 9):
             kept = known_by([(row, value)], ratios, weight, random)
             assert len(np.unique(kept[:, row])) > 5  # no interval rests on a few draws
-        for far in (0.4 * ratios[:, row].min(), 1.5 * ratios[:, row].max()):
-            with pytest.raises(InputError) as refused:
-                check_spanned([(30.0, far)], ratios[:, [row]], weight)
-            assert refused.value.where.startswith("--pull 30 ")
 
 
 @pytest.mark.parametrize("pulls", [1, 2, 4])
@@ -65,10 +59,7 @@ def test_true_pulls_narrow_the_interval_and_it_covers_the_truth_no_less(pulls):
         drawn, weight = np.delete(ratios, 0, axis=0), np.ones(199)
         rows = random.choice(len(TURNS_DEG), pulls, replace=False)
         read = true[rows] * (1.0 + 0.05 * random.normal(size=pulls))
-        try:
-            kept = known_by(list(zip(rows, read, strict=True)), drawn, weight, random)
-        except InputError:
-            continue  # a truth outside of the draws' interval
+        kept = known_by(list(zip(rows, read, strict=True)), drawn, weight, random)
         free = drawn[resampled(weight, DRAWS, random)]
         for each in (free, kept):
             low, _, high = interval_of(each)

@@ -15,7 +15,7 @@ from toppling.models.scan import virtual
 from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK
 from toppling.models.scan.survey import save_survey, survey
-from toppling.models.scan.uncertainty import bias_floors, cap_share, invention_warning
+from toppling.models.scan.uncertainty import cap_share, invention_warning, spread_of
 from toppling.models.scene import Scene
 from toppling.models.statics import quasi_static_toppling_m_s2
 from toppling.results.drawing.scene_figures import draw_scene
@@ -45,7 +45,8 @@ def test_the_stated_spread_covers_the_true_error(stump, surveyed):
     rock, true, spread = found.scene.rock, truth.rock, found.scene.report["uncertainty"]
     # Three standard deviations: one true shape in four hundred may lie outside, and this one is seeded.
     assert (np.abs(rock.com_m - true.com_m) < 3 * np.array(spread["com_std_m"])).all()
-    assert abs(rock.volume_m3 - true.volume_m3) < 3 * spread["volume_std_m3"]
+    low_m3, _, high_m3 = found.scene.report["unseen_base"]["volume_m3"]
+    assert low_m3 < true.volume_m3 < high_m3
 
 
 def test_interface_slopes_as_the_true_one(stump, surveyed):
@@ -121,8 +122,10 @@ def test_the_demo_rock_is_the_studys_and_its_scan_is_seeded():
     assert all(2.0 <= value <= 4.0 for _, value in table)
 
 
-def surface(invented, crown_unseen=0.0):
-    return ClosedRock(Scene.block(0.2, 0.3, 0.6).rock, 0.9 - invented, 0.1, invented, crown_unseen)
+def spread(invented):
+    rock = Scene.block(0.2, 0.3, 0.6).rock
+    found = spread_of(ClosedRock(rock, 0.9 - invented, 0.1, invented, 0.0))
+    return found["volume_std_m3"] / rock.volume_m3, found["com_std_m"][2] / rock.height_m
 
 
 @pytest.mark.parametrize("height", [0.1, 0.5, 1.3, 2.0])
@@ -132,18 +135,8 @@ def test_a_cap_holds_the_share_of_the_ball_that_geometry_says(height):
 
 
 def test_floors_are_those_of_known_rocks_where_all_was_seen_and_the_caps_where_much_was_not():
-    seen, partly = bias_floors(surface(0.0)), bias_floors(surface(0.41, crown_unseen=0.5))
-    assert seen == {
-        "com_per_height": 0.001,
-        "volume_share": 0.003,
-        "inertia_share": 0.003,
-        "height_share": 0.006,
-    }
-    assert partly["volume_share"] == pytest.approx(0.367, abs=0.001)
-    assert partly["inertia_share"] == pytest.approx(0.367, abs=0.001)
-    assert partly["com_per_height"] == pytest.approx(0.2 * 0.367, abs=0.001)
-    # A ball's crown, whose normals' upward part is 0.8 and more, is a tenth of its height.
-    assert partly["height_share"] == pytest.approx(np.hypot(0.006, 0.05))
+    assert spread(0.0) == pytest.approx((0.003, 0.001))
+    assert spread(0.41) == pytest.approx((0.367, 0.2 * 0.367), abs=0.001)
 
 
 @pytest.fixture(scope="module")
@@ -177,16 +170,13 @@ def test_the_spread_of_a_rock_seen_from_one_side_covers_its_error(one_sided):
     # The error is a ninth of the volume: two standard deviations must hold it.
     assert 0.1 * true.volume_m3 < abs(rock.volume_m3 - true.volume_m3) < 2.0 * spread["volume_std_m3"]
     assert (np.abs(rock.com_m - true.com_m) < 2.0 * np.array(spread["com_std_m"])).all()
-    inertia = np.abs(rock.inertia_per_mass_m2 - true.inertia_per_mass_m2)
-    assert (inertia < 2.0 * np.array(spread["inertia_per_mass_std_m2"])).all()
 
 
 @pytest.mark.parametrize(
     ("invented", "crown_unseen", "told"),
-    [(0.41, 0.0, ("41%", "±37%", "guesses")), (0.05, 0.93, ("93%", "crown")), (0.05, 0.0, ())],
+    [(0.41, 0.0, ("41%", "guesses")), (0.05, 0.93, ("93%", "crown")), (0.05, 0.0, ())],
 )
-def test_what_was_not_seen_of_a_rock_is_told_with_how_far_the_rock_may_be_off(invented, crown_unseen, told):
-    """By 3 * 0.41^2 - 2 * 0.41^3 of its volume."""
+def test_what_was_not_seen_of_a_rock_is_told(invented, crown_unseen, told):
     seen = {"seen_share": 0.85 - invented, "closed_share": 0.15, "invented_share": invented}
     report = {"surface": {**seen, "crown_unseen_share": crown_unseen}}
     said = invention_warning(dataclasses.replace(Scene.block(0.2, 0.3, 0.6), report=report))

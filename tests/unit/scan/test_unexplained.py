@@ -9,7 +9,6 @@ from refusals import refused
 from scipy.spatial import cKDTree
 
 from toppling.models.errors import InputError
-from toppling.models.frames import plane_normal
 from toppling.models.scan import virtual
 from toppling.models.scan.candidates import find_candidates
 from toppling.models.scan.close import ClosedRock
@@ -17,7 +16,7 @@ from toppling.models.scan.interface import fit_interface
 from toppling.models.scan.interface_hint import hint_of
 from toppling.models.scan.scan_warnings import (
     check_seen_enough,
-    tilted_frame,
+    left_over,
     unseen_range,
     unseen_rim,
     warnings_of,
@@ -119,6 +118,16 @@ def test_a_rock_of_which_a_side_hangs_below_its_interface_is_refused():
         check_above(seen_of(hanging, ground()), LEVEL)
 
 
+@pytest.mark.parametrize(("leaves", "told"), [(40, 0), (200, 1)])
+def test_patches_off_the_closed_surface_are_left_out_and_many_are_told(leaves, told):
+    random = np.random.default_rng(5)
+    bush = np.array([0.9, 0.0, 0.3]) + 0.05 * random.normal(size=(leaves, 3)), random.normal(size=(leaves, 3))
+    observed = seen_of(together(BLOCK, bush), ground())
+    found, warnings = left_over(CUBE, observed)
+    assert np.array_equal(np.flatnonzero(found), len(BLOCK[0]) + np.arange(leaves))
+    assert [each.kind for each in warnings] == ["left_over"] * told
+
+
 @pytest.mark.parametrize(("off_m", "told"), [(0.001, False), (0.01, True)])
 def test_a_surface_that_was_seen_twice_lies_off_the_one_that_is_closed_about_it(off_m, told):
     observed, points = seen_of(BLOCK, ground()), BLOCK[0] + off_m * BLOCK[1]
@@ -198,61 +207,6 @@ def test_a_rim_unseen_around_the_weight_is_warned_of(unseen_deg, warned):
         ObservedRock(low, low, low, low, None, None, 1.0, None), LEVEL, np.array([0.0, 0.0, 0.5])
     )
     assert (found is not None) == warned
-
-
-PATCH_M, STEP_M = 0.03, 0.45
-DIP_DEG, TOWARD_DEG = 3.6, 235.0
-
-
-def level(dip_deg, toward_deg, middle, bumps_m=0.002, seed=1):
-    """Patches of a square level, 1.8 m wide: places and normals."""
-    across = np.arange(-0.9, 0.9, PATCH_M)
-    x, y = (each.ravel() for each in np.meshgrid(across, across))
-    normal = plane_normal(dip_deg, toward_deg)
-    bumps = bumps_m * np.random.default_rng(seed).normal(size=len(x))
-    places = np.column_stack([x, y, bumps - (normal[0] * x + normal[1] * y) / normal[2]]) + middle
-    return places, np.broadcast_to(normal, places.shape)
-
-
-def frame_of(*levels):
-    places, normals = (np.vstack(each) for each in zip(*levels, strict=True))
-    return tilted_frame(Surfels(places, normals, np.zeros(len(places)), PATCH_M), np.zeros(len(places), bool))
-
-
-UPPER, LOWER = np.array([0.0, 0.0, STEP_M]), np.array([2.0, 0.0, 0.0])
-
-
-def test_levels_at_two_heights_that_dip_alike_tell_what_points_upward():
-    normal = plane_normal(DIP_DEG, TOWARD_DEG)
-    below = LOWER - [0.0, 0.0, (normal @ LOWER) / normal[2]]  # so that they are a step apart
-    doubt = frame_of(level(DIP_DEG, TOWARD_DEG, UPPER), level(DIP_DEG, TOWARD_DEG, below, seed=2))
-    assert doubt.kind == "frame"
-    assert "levels 0.45 m apart" in doubt.sentence
-    assert "by 3.6 degrees toward azimuth 235" in doubt.sentence
-    up = [float(word) for word in doubt.sentence.rpartition("--up ")[2].split(",")]
-    assert up == pytest.approx(normal, abs=1e-3)
-
-
-@pytest.mark.parametrize(
-    "levels",
-    [
-        pytest.param([level(0.3, 10.0, UPPER), level(0.3, 10.0, LOWER)], id="level"),
-        pytest.param([level(DIP_DEG, TOWARD_DEG, UPPER)], id="one, as any slope is"),
-        pytest.param(
-            [level(DIP_DEG, TOWARD_DEG, UPPER), level(0.0, 0.0, LOWER)], id="a slope over level ground"
-        ),
-        pytest.param(
-            [level(DIP_DEG, TOWARD_DEG, UPPER), level(DIP_DEG + 1.5, TOWARD_DEG, LOWER)],
-            id="ledges, nearly alike",
-        ),
-        pytest.param(
-            [level(DIP_DEG, TOWARD_DEG, UPPER, 0.02), level(DIP_DEG, TOWARD_DEG, LOWER, 0.02)],
-            id="uneven ground",
-        ),
-    ],
-)
-def test_a_level_frame_a_slope_and_natural_ground_are_not_doubted(levels):
-    assert frame_of(*levels) is None
 
 
 REFUSED = InputError(

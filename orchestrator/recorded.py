@@ -16,7 +16,7 @@ SHAKES = 8
 """Number of shakes per drawn base and motion: a base on which the rock never stands then has 1/17 of the weight of one
 on which it always does."""
 AZIMUTHS_DEG = tuple(360.0 / SHAKES * number for number in range(SHAKES))
-"""Azimuths that a motion with unknown orientation is rotated to, equal for all drawn bases."""
+"""Azimuths that a motion with unknown orientation is rotated to, on each drawn base."""
 ENSEMBLES = ("as_recorded", "from_all_sides")
 """Folders of the ensembles of motions with known and with unknown orientation."""
 

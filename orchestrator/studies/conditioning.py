@@ -91,22 +91,18 @@ def weigh(campaign: Campaign, recorded: stood.Recorded, folder: Path, shake: _Ru
     rows = []
     for ensemble in stood.ensembles_in(folder):
         known = ensemble.parent.name == stood.ENSEMBLES[0]
-        shaken = replace(
-            campaign,
-            ensemble=ensemble,
-            pga_m_s2=(),
-            azimuth_deg=() if known else stood.AZIMUTHS_DEG,
-            realisations=len(scene.unseen) * (stood.SHAKES if known else 1),
-            first_realisation=1,
-            records=None,
-            peak_displacement_m=None,
-            audit=0,
-            stood=(),
-            precision=None,
-            target=None,
-        )
-        shake(plan_of(shaken), ensemble.parent / "run")
-        rows.append(open_run(ensemble.parent / "run").frame())
+        # Each side is a campaign of its own, in which every base is shaken; a single one would spread bases over sides.
+        sides: list[tuple[float, ...]] = [()] if known else [(azimuth,) for azimuth in stood.AZIMUTHS_DEG]
+        shakes = len(scene.unseen) * stood.SHAKES // len(sides)
+        for number, azimuth in enumerate(sides):
+            shaken = replace(
+                campaign, ensemble=ensemble, pga_m_s2=(), azimuth_deg=azimuth, realisations=shakes,
+                first_realisation=1 + number * shakes, records=None, peak_displacement_m=None, audit=0, stood=(),
+                precision=None, target=None,
+            )  # fmt: skip
+            run = ensemble.parent / f"run{number}"
+            shake(plan_of(shaken), run)
+            rows.append(open_run(run).frame())
     return by_evidence(weights_by_contact(pd.concat(rows), len(scene.unseen)), _evidence(recorded))
 
 

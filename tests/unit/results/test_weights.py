@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -12,8 +13,13 @@ from reference.idealised import ricker
 from refusals import refused
 from seeded import row, rows
 
+from toppling.models.hidden_base.unseen_base import BaseDraw, UnseenBase, draw_of
 from toppling.models.motions.record import Record
+from toppling.models.scene import Scene
+from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cli import cli
+from toppling.orchestrator.recorded import SHAKES, Recorded
+from toppling.orchestrator.studies import conditioning
 from toppling.orchestrator.studies.conditioning import by_evidence, joined, weights_by_contact
 from toppling.results.analysis.fits import answered
 from toppling.results.analysis.fragility import effective_records
@@ -33,6 +39,43 @@ def weights_of(*weights):
 def on_bases(count=2, **how):
     frame = pd.DataFrame(rows(**how)).astype({"toppled": "boolean"})
     return frame.assign(base=pd.array(np.arange(len(frame)) % count, "Int64"))
+
+
+@pytest.mark.parametrize("azimuths_deg", [(0.0, 90.0), None])
+def test_each_base_is_shaken_as_often_and_from_all_sides_where_a_motions_orientation_is_unknown(
+    azimuths_deg, tmp_path, monkeypatch
+):
+    feet = [
+        np.array([[x, y, 0.0] for x in (-w, w) for y in (-0.2, 0.2)]) for w in np.linspace(0.06, 0.15, 16)
+    ]
+    bases = UnseenBase(0.05, tuple(BaseDraw(each) for each in feet))
+    replace(Scene.block(0.15, 0.2, 0.6), unseen=bases).save(tmp_path / "scene")
+    given = [
+        Record.of(f"P{n}", ricker(2.0, 1.0 + n, 0.01), component_azimuths_deg=azimuths_deg) for n in range(2)
+    ]
+    recorded = Recorded(tuple(given), ("P0", "P1"))
+    recorded.write(tmp_path / "stood")
+    campaign = Campaign.of(
+        {"scene": "scene", "ensemble": "none", "pga_m_s2": [2.0], "azimuth_deg": [0.0], "friction": [0.9]},
+        tmp_path,
+    )
+    shaken = {}
+
+    def shake(planned, folder):
+        jobs = planned.jobs.to_pandas()
+        base = [draw_of(number, len(feet)) for number in jobs["realisation"]]
+        shaken[folder] = jobs.rename(columns={"pga_m_s2": "level_pga_m_s2"}).assign(base=base, toppled=False)
+
+    monkeypatch.setattr(
+        conditioning, "open_run", lambda folder: SimpleNamespace(frame=lambda: shaken[folder])
+    )
+    conditioning.weigh(campaign, recorded, tmp_path / "stood", shake)
+    jobs = pd.concat(shaken.values())
+    assert not jobs["job_id"].duplicated().any()
+    for _, of_base in jobs.groupby(["record_id", "base"]):
+        assert len(of_base) == SHAKES
+        assert of_base["azimuth_deg"].nunique() == (1 if azimuths_deg else SHAKES)
+    assert jobs.groupby("record_id")["base"].nunique().tolist() == [len(feet)] * 2
 
 
 def test_jobs_of_one_record_and_measure_on_unlike_bases_count_each_by_its_weight():

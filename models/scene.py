@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from toppling.models.arrays import Array
 from toppling.models.caching import Described
-from toppling.models.errors import check_positive, refusals
+from toppling.models.errors import InputError, check_positive, refusals
 from toppling.models.files import digest
 from toppling.models.files.documents import finite, shown
 from toppling.models.files.folder import instead, local, new_folder
@@ -184,7 +184,15 @@ class Scene(Described):
 
     def on_base(self, number: int) -> "Scene":
         """Scene on one of the drawn bases, with its centre of mass, at rest in its pose."""
-        assert self.unseen is not None
+        count = len(self.unseen.draws) if self.unseen else 0
+        if self.unseen is None or not 0 <= number < count:
+            raise InputError(
+                "scene.base_absent",
+                f"base {number} of {count}",
+                where="on_base",
+                expected="the number, from 0, of a base that the scan drew",
+                remedy="see len(scene.unseen.draws); a scene that is no scan's has no drawn bases",
+            )
         rock = self.unseen.realised(self.rock, self.pedestal, number)
         return dataclasses.replace(self, rock=rock, unseen=dataclasses.replace(self.unseen, nominal=None))
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 import pyarrow as pa
 
+from toppling.models.errors import counted
 from toppling.models.files.documents import listed
 from toppling.models.frames import STANDARD_GRAVITY_M_S2, compass_deg
 from toppling.models.hidden_base.intervals import median_width
@@ -165,7 +166,7 @@ def suggestions(levels: Sequence[LevelCount]) -> list[str]:
         above = [level.level_m_s2 for level in rising if level.fraction >= 1.0 - HARDLY_FRACTION]
         top = min(above, default=high.level_m_s2)
         found.append(
-            f"the share that topples rises within {len(within)} levels: "
+            f"the share that topples rises within {counted(len(within), 'level')}: "
             f"add levels between {below:g} and {top:g} m/s2"
         )
     return found

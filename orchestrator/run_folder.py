@@ -8,6 +8,7 @@ import socket
 import time
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
+from contextvars import ContextVar
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
@@ -38,6 +39,9 @@ KEY_FOLDERS = ".toppling-key-"
 
 _RUNNING, _INTERRUPTED = "running", "interrupted"
 """State of a session in `run.json` during it, and after an interruption."""
+
+_CLAIMED: ContextVar[frozenset[Path]] = ContextVar("claimed", default=frozenset())
+"""Folders that this thread's calls have locked: a second lock of the same process would wait for the first."""
 
 _LOCK_PATIENCE_S = 1.0
 """Time to wait for the lock, s: a writer holds it for its whole session, a reader only briefly."""
@@ -152,11 +156,15 @@ def describe(run: Path) -> dict[str, Any]:
 
 
 @contextlib.contextmanager
-def session(run: Path) -> Iterator[dict[str, Any]]:
-    """Lock the folder for writing; the session's notes, to which the block may add, are written to `run.json`.
+def claimed(run: Path) -> Iterator[None]:
+    """Lock a run's folder for writing, unless there is none yet, or the caller has locked it.
 
     Raises InputError if another process writes to the run, or its file system does not support locks.
     """
+    if run in _CLAIMED.get() or not (run / "run.json").is_file():
+        yield
+        return
+    _refuse_links(run, [run / ".lock"])
     with (run / ".lock").open("a+") as lock:
         try:
             _take(lock)
@@ -180,6 +188,17 @@ def session(run: Path) -> Iterator[dict[str, Any]]:
         lock.truncate(0)
         lock.write(f"{socket.gethostname()}:{os.getpid()}\n")
         lock.flush()
+        before = _CLAIMED.set(_CLAIMED.get() | {run})
+        try:
+            yield
+        finally:
+            _CLAIMED.reset(before)
+
+
+@contextlib.contextmanager
+def session(run: Path) -> Iterator[dict[str, Any]]:
+    """Lock the folder as `claimed`; the session's notes, to which the block may add, are written to `run.json`."""
+    with claimed(run):
         _sweep(run)
         notes = {"started_at": _now(), "host": socket.gethostname(), "ended": _RUNNING}
         note(run, notes, new=True)
@@ -309,10 +328,7 @@ def _check(run: Path, plan: "Plan", versions: dict[str, str]) -> None:
 
 
 def _copy_known(source: Path, target: Path, names: Iterable[str]) -> None:
-    """Copy only the files of a scene or an ensemble into a run.
-
-    Links are refused: they may lead to endless or confidential files.
-    """
+    """Copy a scene's or an ensemble's own files into a run; links may lead to endless or confidential ones."""
     target.mkdir(parents=True)
     for name in names:
         path = source / name

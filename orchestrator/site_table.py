@@ -200,10 +200,7 @@ def joined(sites: Sequence[Site], scenes: Iterable[Path], where: str) -> tuple[S
 
 
 def _distinct_rocks(sites: tuple[Site, ...], where: str) -> tuple[Site, ...]:
-    """Check that there are rocks with distinct names (ignoring case, as some file systems do), and return them.
-
-    Raises InputError otherwise.
-    """
+    """Check that there are rocks with distinct names (ignoring case, as some file systems do), and return them."""
     if not sites:
         raise Place(where).wrong("rocks.empty", "holds no rock", "at least one", "add a row with a scene")
     counts = Counter(site.rock.casefold() for site in sites)

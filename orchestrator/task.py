@@ -99,11 +99,7 @@ ROCKS_CACHED = 2
 
 @lru_cache(maxsize=ROCKS_CACHED)
 def _assets_of(run_key: RunKey) -> Assets:
-    """Load a scene and its ensemble, verified by their hashes and cached while the process shakes that rock.
-
-    Raises UnfitWorkerError if the versions differ, or the folder is unreadable or has other content.
-    Raises NotDeliveredError if this host has no access to the folder, and its content was not delivered.
-    """
+    """Load a scene and its ensemble, verified by their hashes and cached while the process shakes that rock."""
     _check_versions(run_key.versions)
     folder = Path(run_key.folder)
     scene = _loaded("scene", Scene.load, run_key.scene_id, folder / run_key.scene_place)

@@ -128,10 +128,7 @@ def read_vertices(path: Path) -> dict[str, NDArray]:
 
 
 def _read_mesh(path: Path) -> tuple[Array, NDArray[np.int64]] | None:
-    """Vertices (n, 3) and triangles (m, 3); None for a layout other than vertices, then faces that are all triangles.
-
-    Raises InputError if the file is not whole.
-    """
+    """Vertices (n, 3) and triangles (m, 3); None unless the layout is vertices, then faces that are all triangles."""
     header = read_header(path)
     names = [element.name for element in header.elements]
     if names != ["vertex", "face"] or header.elements[0].has_lists:

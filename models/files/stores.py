@@ -236,10 +236,7 @@ def _object_stamp(info: Any) -> Stamp:
 
 
 def _s3_client(address: str, region: str) -> Any:
-    """Client of boto3 for the server, the region and the account that Arrow reads from an address.
-
-    Raises ImportError if boto3 is not installed.
-    """
+    """Client of boto3 for the server, the region and the account that Arrow reads from an address."""
     import boto3
     from botocore.config import Config
 
@@ -266,10 +263,7 @@ def kinds() -> frozenset[str]:
 
 
 def _file_system(address: str) -> tuple[Any, str]:
-    """Arrow file system that reaches a store, and the path in it.
-
-    Raises InputError if nothing here reaches such a store, or it does not answer.
-    """
+    """Arrow file system that reaches a store, and the path in it."""
     import pyarrow as pa
     from pyarrow.fs import AzureFileSystem, FileSystem, FSSpecHandler, PyFileSystem
 
@@ -633,10 +627,7 @@ _COPIES: dict[str, Copy] = {}
 
 
 def _copy_of(path: str | os.PathLike[str]) -> Copy:
-    """The copy on this machine of a folder in a store, as the store has it at the first call.
-
-    Raises InputError as `Copy` and `Copy.pull`.
-    """
+    """The copy on this machine of a folder in a store, as the store has it at the first call."""
     address = _address_of(path)
     if address not in _COPIES:
         copy = _copy(address)

@@ -100,13 +100,7 @@ class Candidate:
 
 
 def _prepared(name: str, channels: Triple, options: ImportOptions, entry: Entry | None) -> Candidate:
-    """Record of three channels, on its way into an ensemble.
-
-    name: its id.
-    entry: row of the metadata table, which names event and station before the files do.
-    Raises InputError if time step, unit or vertical are missing, a channel is doubtful, or the channels do not fit
-    together.
-    """
+    """Record of three channels, on its way into an ensemble; the table's row is read before the files' headers."""
     _refuse_incomplete(channels, options)
     if not options.doubtful:
         for component in channels.channels:

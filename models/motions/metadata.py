@@ -323,10 +323,7 @@ def _single_channel(components: list[Component], entry: Entry) -> Component:
 
 
 def _completed(channels: Triple, entry: Entry) -> Triple:
-    """Channels with what the table says where the file is silent.
-
-    Raises InputError if the table contradicts a header: a vertical as h1 or h2, a horizontal as v, another unit.
-    """
+    """Channels with what the table says where the file is silent."""
     for name, component in zip(("h1", "h2", "v"), channels.channels, strict=False):
         _refuse_other_direction(name, component, entry)
         _refuse_other_unit(component, entry)
@@ -384,8 +381,6 @@ def _scaled_to_peaks(channels: Triple, entry: Entry) -> Triple:
 
     The channels of one instrument have nearly one sensitivity: the same scale of all shows that the peaks are
     those of these samples. Counts are as the instrument gave them, unless the table says otherwise.
-
-    Raises InputError if the scales differ, by which the peaks are of other samples.
     """
     parts, scales = channels.channels, []
     centred = [c.acceleration_m_s2 - c.acceleration_m_s2.mean() for c in parts]
@@ -418,10 +413,7 @@ def _scaled_to_peaks(channels: Triple, entry: Entry) -> Triple:
 
 
 def _step(component: Component, entry: Entry) -> float:
-    """Time step by the file, or by the table where the file has no times.
-
-    Raises InputError if both state one, and they differ.
-    """
+    """Time step by the file, or by the table where the file has no times."""
     by_file, by_row = component.time_step_s, entry.time_step_s
     if not math.isfinite(by_file):
         return by_row if by_row and by_row > 0 else math.nan

@@ -53,11 +53,7 @@ _DEFAULT_MEASURES = ("pgv_m_s", "pga_m_s2")
 
 
 def _weighted_paths(texts: Sequence[str]) -> tuple[list[Path], list[float] | None]:
-    """Parse PATH or PATH=WEIGHT to paths and weights, None without weights.
-
-    Raises UsageError if a weight is not a positive number.
-    Raises InputError if only some have weights, or they do not sum to 1.
-    """
+    """Parse PATH or PATH=WEIGHT to paths and weights, None without weights."""
     paths, weights = [], []
     for text in texts:
         path, sign, weight = text.rpartition("=")
@@ -249,11 +245,7 @@ def _shared_measure(stated: Sequence[str], rocks: Sequence[str], where: str) -> 
 def _judged_by_events(
     question: Question, jobs: Mapping[Path, Jobs], advance: Callable[[], None]
 ) -> tuple[Update, dict[str, Any]]:
-    """Update of a set of events by standing rocks, and the statement for JSON.
-
-    jobs: jobs of those rocks that are runs.
-    advance: called before each bootstrap sample of records.
-    """
+    """Update of a set of events by standing rocks, and the statement for JSON."""
     if question.event_set:
         events, measures = _of_set(question)
     else:
@@ -296,10 +288,7 @@ def _of_set(question: Question) -> tuple[EventSet, tuple[str, ...]]:
 def _fragility(
     path: Path, measures: tuple[str, ...], jobs: Jobs | None, advance: Callable[[], None]
 ) -> Fragility:
-    """Fragility over one or two measures, with bootstrap samples, from a run or a file of curves.
-
-    Raises InputError if there is none over two measures, or the answers have no such fit.
-    """
+    """Fragility over one or two measures, with bootstrap samples, from a run or a file of curves."""
     if len(measures) == 1:
         return standing_rock("", path, measures[0], jobs, advance).fragility
     if jobs is None:
@@ -325,10 +314,7 @@ def _fragility(
 def _placed(
     names: Sequence[str], events: EventSet, asked: Sequence[tuple[float, float] | str]
 ) -> tuple[list[int], list[float | None]]:
-    """Index of each rock's site among those of the events, and its distance from the requested location, km.
-
-    Raises InputError if there are several sites and none is requested, or none has the name, or is near enough.
-    """
+    """Index of each rock's site among those of the events, and its distance from the requested location, km."""
     if not asked:
         if len(events.sites) > 1:
             known = ", ".join(site.name for site in events.sites[:12])
@@ -369,10 +355,7 @@ def _site_of(asked: tuple[float, float] | str, events: EventSet) -> tuple[int, f
 
 
 def _of_two_trees(first: HazardTree, second: HazardTree, correlation: float | None) -> EventSet:
-    """Convert trees of two measures at one site to a set of events, branch by branch.
-
-    Raises InputError if the trees have different branches, or the correlation is unknown.
-    """
+    """Convert trees of two measures at one site to a set of events, branch by branch."""
     rho = correlation_of(first.measure, second.measure) if correlation is None else correlation
     if rho is None:
         raise InputError(

@@ -202,6 +202,14 @@ def placed_cloud(files: Sequence[Path], hints: CloudHints) -> tuple[Cloud, Separ
     placement, system = placed_by(hints)
     parts = parts_of(hints.get("rock"), hints.get("pedestal"))
     every = files_with(files, parts)
+    if not every:
+        raise InputError(
+            "scan.no_files",
+            "no file is given",
+            where="FILES",
+            expected="clouds or meshes of one rock",
+            remedy="check the pattern that the paths are from",
+        )
     cloud = labelled(read_clouds(every, hints.get("units"), placement, system), every, parts)
     if None in parts or len(every) != len(parts):
         return cloud, None

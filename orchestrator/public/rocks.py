@@ -109,9 +109,11 @@ def standing_rock(
         curve = curve_over(jobs.frame, measure, SAMPLES, jobs.completeness, advance)
     if curve is None:
         no_answer = jobs is not None and answered(jobs.frame).empty
+        known = with_measure(jobs.frame, measure) if jobs is not None else ()
+        why = f": {fit(known, [measure]).problem}" if len(known) else ""
         raise InputError(
             "run.no_answers" if no_answer else "fragility.none",
-            what="has no job with an answer" if no_answer else f"has no fragility over {measure}",
+            what="has no job with an answer" if no_answer else f"has no fragility over {measure}{why}",
             where=str(path),
             expected="a lognormal fragility over the measure of the hazard",
             remedy="'toppling fragility RUN --fit' lists the measures that have one",

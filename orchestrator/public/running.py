@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
 
+from toppling.models.caching import Described
 from toppling.models.files.stores import at_hand, sole_writer
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
@@ -22,6 +23,7 @@ from toppling.orchestrator.plan import Plan, plan_of
 from toppling.orchestrator.plan import plan as expand
 from toppling.orchestrator.public import unseen
 from toppling.orchestrator.rocks_of_run import Settlings, scene_entries, settlings_of
+from toppling.orchestrator.run_folder import claimed
 from toppling.results.reader import Run
 
 if TYPE_CHECKING:
@@ -30,8 +32,8 @@ if TYPE_CHECKING:
     from toppling.orchestrator.context import ProgressCallback, RunProgress
 
 
-@dataclass(frozen=True, eq=False)
-class Planned:
+@dataclass(frozen=True, eq=False, repr=False)
+class Planned(Described):
     """Planned campaign: its jobs and warnings.
 
     Parameters
@@ -59,6 +61,10 @@ class Planned:
     def jobs(self) -> pa.Table:
         """One row per job: id, record, level (m/s2), azimuth (degrees), friction, restitution and realisation."""
         return self.plan.jobs
+
+    def _facts(self) -> dict[str, object]:
+        rocks, warnings = len(self.plan.scenes), "; ".join(self.warnings) or "none"
+        return {"jobs": len(self.plan), "rocks": rocks, "preset": self.campaign.preset, "warnings": warnings}
 
 
 def plan(campaign: Campaign | str | Path) -> Planned:
@@ -153,7 +159,7 @@ def run(
     folder = at_hand(out)
     given = existing(cluster) if isinstance(cluster, str) else cluster
     where = given if given is not None else local(workers or os.cpu_count() or 1)
-    with sole_writer(folder, take_over=take_over) as check_writer:
+    with sole_writer(folder, take_over=take_over) as check_writer, claimed(folder.absolute()):
 
         def watching(progress: RunProgress) -> None:
             check_writer()

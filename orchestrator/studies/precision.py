@@ -151,10 +151,7 @@ def borne_words(campaign: Campaign) -> str:
 
 
 def _target_of(asked: TargetSpec) -> Target:
-    """Target of a campaign, with its hazard curve.
-
-    Raises InputError if the hazard cannot be read, has several curves, or a measure that records lack.
-    """
+    """Target of a campaign, with its hazard curve."""
     if asked.hazard is not None:
         from toppling.results.hazard.readers import read_hazard
 
@@ -191,10 +188,7 @@ def _usable_measures(catalog: pd.DataFrame, target: Target, where: str) -> list[
 
 
 def _pools(planned: Plan, catalog: pd.DataFrame, measures: list[str]) -> dict[tuple[float, ...], Pool]:
-    """Jobs of each contact, by record, cell (azimuth, with the realisations of its jobs) and level.
-
-    catalog: intensities of the unscaled records, in the order of their indices.
-    """
+    """Jobs of each contact, by record, cell (azimuth, with the realisations of its jobs) and level."""
     jobs = planned.jobs.to_pandas().astype({"record_id": str}).reset_index(names="row")
     levels = np.sort(np.array(planned.campaign.pga_m_s2))
     log_scale = np.log(levels)[None, :] - np.log(catalog["pga_m_s2"].to_numpy(float))[:, None]

@@ -279,10 +279,7 @@ def _of_surface_row(row: Mapping[str, Any]) -> Surface:
 
 
 def _curves(rows: Iterable[Mapping[str, Any]]) -> list[Lognormal]:
-    """Curves from the rows that do not describe surfaces.
-
-    Raises ValueError for a row without a column that a curve needs.
-    """
+    """Curves from the rows that do not describe surfaces."""
     found = []
     for row in rows:
         if _stated(row, _PLANE[:1]):
@@ -344,7 +341,11 @@ def _basis_of_row(row: Mapping[str, Any]) -> Basis | None:
     """Basis of a curve from its row; None where the row does not state it completely."""
     if not _stated(row, _BASIS_NEEDED):
         return None
-    kinds: dict[str, Callable[[Any], Any]] = {"scene_id": str, "strongest_shaken": float}
+    kinds: dict[str, Callable[[Any], Any]] = {
+        "scene_id": str,
+        "strongest_shaken": float,
+        "weakest_shaken": float,
+    }
     return Basis(**{name: kinds.get(name, int)(row[name]) for name in _BASIS if _stated(row, [name])})
 
 

@@ -224,6 +224,7 @@ def basis_of(frame: pd.DataFrame, measure: str, run: Completeness | None = None)
         strongest_shaken=float(known[measure].max()),
         jobs_planned=run.planned if run else None,
         jobs_done=run.done if run else None,
+        weakest_shaken=float(known[measure].min()),
     )
 
 

@@ -44,6 +44,8 @@ class Basis:
     # Jobs planned and jobs done in the whole run; None where unknown.
     jobs_planned: int | None = None
     jobs_done: int | None = None
+    # Smallest value of the measure of any job, below which the curve is an extrapolation; None where unknown.
+    weakest_shaken: float | None = None
 
     @property
     def unfinished(self) -> str:
@@ -77,7 +79,12 @@ class Lognormal:
     @property
     def strongest_shaken(self) -> float | None:
         """Largest value of the measure of any job; None where unknown."""
-        return self.basis.strongest_shaken if self.basis else None
+        return self.shaken[0]
+
+    @property
+    def shaken(self) -> tuple[float | None, float | None]:
+        """Largest and smallest value of the measure of any job; None where unknown."""
+        return (self.basis.strongest_shaken, self.basis.weakest_shaken) if self.basis else (None, None)
 
     @property
     def is_beyond_shaken(self) -> bool:
@@ -190,7 +197,7 @@ CAUSES = ("records", "base")
 
 def parts_words(parts: Mapping[str, float]) -> str:
     """Format the parts of an interval (`Lognormal.interval_parts`): "records ±12 %, base ±35 %"."""
-    return ", ".join(f"{name} ±{100 * part:.2g} %" for name, part in parts.items())
+    return ", ".join(f"{name} ±{float(f'{100 * part:.2g}'):,g} %" for name, part in parts.items())
 
 
 def _interval_parts(interval: tuple[float, float], resampled: Resampled) -> dict[str, float]:

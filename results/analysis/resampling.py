@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.special import log_ndtr, logsumexp, ndtri, stdtrit
+from scipy.optimize import brentq
+from scipy.special import log_ndtr, logsumexp, ndtr, ndtri, stdtrit
 
 from toppling.models.arrays import AT_ONCE, Array, Flags, Indices
 from toppling.models.hidden_base.intervals import inspection_sentence
@@ -44,9 +45,10 @@ class BaseSpread:
     effective: float  # effective number of bases, by their weights
 
     @property
-    def variance(self) -> float:
-        """Expected variance of u for a new base, with the error of the mean over the bases of the jobs."""
-        return float(self.chance @ _CORRELATION) * (1.0 + 1.0 / self.effective)
+    def half_width(self) -> float:
+        """Half of the 95 % interval of u for a new base, with the error of the mean over the bases of the jobs."""
+        spread = np.sqrt(_CORRELATION * (1.0 + 1.0 / self.effective))
+        return float(brentq(lambda u: self.chance @ ndtr(u / spread) - 0.975, 0.0, 10.0))
 
     def drawn(self, count: int, random: np.random.Generator) -> tuple[Array, Array]:
         """Shift u of the score and sqrt(1 - c), (count,) each, of new bases.

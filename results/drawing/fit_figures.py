@@ -60,7 +60,7 @@ def fit_figure(
         caption = (" " if in_row else "\n").join(_FIT_CAPTION)
         figure.text(0.5, 0.008, caption, ha="center", va="bottom", size=6.5, color="0.25")
         draw_curve(left, curve, observed)
-        median = within(curve.median, curve.strongest_shaken)
+        median = within(curve.median, *curve.shaken)
         left.set_title(f"median {median} {printed_unit(curve.measure)}, beta {curve.beta:.2f}")
         _draw_ranking(middle, ranking)
         middle.set_title("which measure predicts best")
@@ -183,13 +183,13 @@ def _crossing(coefficients: np.ndarray, x: np.ndarray, share: float) -> np.ndarr
 
 
 def fit_table(summary: pd.DataFrame, known: pd.DataFrame) -> pd.DataFrame:
-    """Table of fits for a page, without numbers for medians beyond the strongest shaking."""
-    strongest = [float(known[name].max()) for name in summary["measures"]]
+    """Table of fits for a page, without numbers for medians outside of what was shaken."""
+    shaken = [(float(known[name].max()), float(known[name].min())) for name in summary["measures"]]
     table = pd.DataFrame({
         "measure": [f"{short_name(name)} ({printed_unit(name)})" for name in summary["measures"]],
-        "strongest shaken": [digits(value) for value in strongest],
+        "strongest shaken": [digits(value) for value, _ in shaken],
     })  # fmt: skip
-    for name, bounds in (("median", strongest), ("beta", [None] * len(strongest))):
+    for name, bounds in (("median", shaken), ("beta", [()] * len(shaken))):
         values = summary.reindex(columns=[name, f"{name}_low", f"{name}_high"]).astype(
             float
         )  # none without a fit
@@ -203,8 +203,8 @@ def fit_table(summary: pd.DataFrame, known: pd.DataFrame) -> pd.DataFrame:
     return table.assign(problem=summary["problem"]) if summary["problem"].astype(bool).any() else table
 
 
-def _with_interval(numbers: Iterable[float], strongest: float | None) -> str:
-    ends = [within(number, strongest) for number in numbers]
+def _with_interval(numbers: Iterable[float], shaken: tuple[float, ...]) -> str:
+    ends = [within(number, *(shaken or (None,))) for number in numbers]
     return f"{ends[0]} ({ends[1]} to {ends[2]})" if ends[1] and ends[2] else ends[0]
 
 

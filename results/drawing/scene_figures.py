@@ -345,10 +345,7 @@ def statics_words(scene: Scene) -> str:
 
 
 def _base_interval(scene: Scene) -> tuple[Array, Array, Array, float]:
-    """Azimuths (closed), lower and upper toppling acceleration over the drawn bases, and the interval's probability.
-
-    Empty for a scene whose base was not drawn.
-    """
+    """Azimuths (closed), lower and upper toppling acceleration over the drawn bases, and the interval's probability."""
     found = scene.report.get("unseen_base") or {}
     table = found.get("toppling", [])
     if not table:

@@ -29,22 +29,24 @@ def what_topples(curve: Lognormal, contact: str, single_base: bool) -> str:
             "The shaking that topples the rock in one case in two lies beyond what was run: the strongest had a "
             f"{name} of {digits(strongest)} {unit}, where {share_words(share)} topple ({rested})."
         )
+    half, twentieth = (within(curve.intensity(share), *curve.shaken) for share in (0.5, 0.05))
     return (
-        f"Shaking with a {name} of {digits(curve.median)} {unit}{interval_words(curve.numbers, strongest)} topples the "
-        f"rock in one case in two, and with {digits(curve.intensity(0.05))} {unit} in one in twenty ({rested})."
+        f"Shaking with a {name} of {half} {unit}{interval_words(curve.numbers, *curve.shaken)} topples the "
+        f"rock in one case in two, and with {twentieth} {unit} in one in twenty ({rested})."
     )
 
 
-def interval_words(numbers: dict[str, Any], strongest: float | None) -> str:
+def interval_words(numbers: dict[str, Any], *shaken: float | None) -> str:
     """The median's 95 % interval with its parts, in brackets after a space; empty where unknown.
 
     numbers: `Lognormal.numbers`, perhaps among other fields of a statement.
+    shaken: `Lognormal.shaken`.
     """
-    if (low := numbers.get("median_low")) is None:
+    if numbers.get("median_low") is None:
         return ""
-    end = within(numbers["median_high"], strongest)
+    low, high = (within(numbers[f"median_{end}"], *shaken) for end in ("low", "high"))
     parts = parts_words({name: numbers[f"median_{name}"] for name in CAUSES if f"median_{name}" in numbers})
-    return f" (95 %: {digits(low)} to {end}{'; ' if parts else ''}{parts})"
+    return f" (95 %: {low} to {high}{'; ' if parts else ''}{parts})"
 
 
 LEAST_FRACTION = 5e-4
@@ -285,10 +287,10 @@ def _rock_line(rock: dict[str, Any], measure: str) -> str:
 
 def fragility_words(rock: dict[str, Any], measure: str) -> str:
     """Describe the fragility of a statement's rock."""
-    strongest = rock.get("strongest_shaken")
+    shaken = rock.get("strongest_shaken"), rock.get("weakest_shaken")
     words = rock.get("fragility") or (
-        f"median {short_name(measure)} {within(rock['median'], strongest)} {printed_unit(measure)}"
-        f"{interval_words(rock, strongest)}, beta {rock['beta']:.2f}"
+        f"median {short_name(measure)} {within(rock['median'], *shaken)} {printed_unit(measure)}"
+        f"{interval_words(rock, *shaken)}, beta {rock['beta']:.2f}"
     )
     return f"{words} ({rock['toppled']:,} topplings in {rock['jobs']:,} jobs)" if rock.get("jobs") else words
 

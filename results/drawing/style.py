@@ -159,8 +159,10 @@ def digits(value: float | None) -> str:
     return f"{float(f'{value:.3g}'):,.0f}" if 1e3 <= abs(value) < 1e6 else f"{value:.3g}"
 
 
-def within(value: float, strongest: float | None) -> str:
-    """Format a number with three significant digits, or as beyond the strongest shaking."""
+def within(value: float, strongest: float | None, weakest: float | None = None) -> str:
+    """Format a number with three significant digits, or as beyond the strongest or under the weakest shaking."""
+    if weakest is not None and value < weakest:
+        return f"under {digits(weakest)}"
     return f"beyond {strongest:.3g}" if strongest is not None and value > strongest else digits(value)
 
 

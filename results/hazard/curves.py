@@ -84,10 +84,7 @@ class HazardCurve:
 def _curve_of_rates(
     name: str, measure: str, x: NDArray[np.float64], rate: NDArray[np.float64], **stated: Any
 ) -> HazardCurve:
-    """Curve from a file's annual rates; rates of 0 and infinite ones become levels without a rate.
-
-    Raises InputError if levels are not monotonic, or rates are negative, NaN, or rise with the level.
-    """
+    """Curve from a file's annual rates; rates of 0 and infinite ones become levels without a rate."""
     where = str(stated.get("source") or name)
     expected = "annual rates of exceedance, or probabilities, that fall as the level rises"
     if len(x) > 1 and (np.diff(x) < 0).all():

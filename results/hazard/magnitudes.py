@@ -361,7 +361,7 @@ class Exclusions:
         ]  # fmt: skip
         return {
             "rock": self.rock.name, "measure": curve.measure, **curve.numbers,
-            "strongest_shaken": curve.strongest_shaken,
+            **dict(zip(("strongest_shaken", "weakest_shaken"), curve.shaken, strict=True)),
             "magnitude_range": self.grid.magnitude[[0, -1]].tolist(),
             "distance_range_km": self.grid.distance_km[[0, -1]].tolist(), "occurrences": stated,
             "faults": _rows(self.faults) if self.traces else [],

@@ -82,7 +82,7 @@ class Target:
         """Half width of an interval: relative, but absolute for a probability."""
         if self.name == "probability":
             return 0.5 * (self.value(score + half) - self.value(score - half))
-        return half
+        return math.sinh(min(half, 700.0))  # of a value that the interval's ends are a factor from
 
     def words(self, measure: str, value: float, low: float, high: float) -> str:
         """Clause that states a value and its 95 % interval."""
@@ -137,9 +137,9 @@ def estimate(curve: Curve, target: Target, records: int, spread: BaseSpread | No
     floor = _record_correlation(curve, independent, pairs) * independent * curve.jobs / max(records, 1)
     of_base = 0.0
     if spread is not None:
-        shift = np.array([math.sqrt(spread.variance), 0.0])
+        shift = np.array([spread.half_width * (1.0 + curve.slope_variance), 0.0])  # as `Curve.beta`
         ends = [target.score(curve.coefficients + sign * shift) for sign in (1.0, -1.0)]
-        of_base = 0.5 * abs(ends[0] - ends[1]) * float(ndtri(0.975))
+        of_base = 0.5 * abs(ends[0] - ends[1])
     whole = math.hypot(half, of_base)
     return Estimate(
         value=target.value(score),

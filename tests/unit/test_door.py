@@ -8,6 +8,8 @@ from inspect import isclass, isfunction
 from pathlib import Path
 
 import pytest
+from refusals import refused
+from small_campaigns import campaign_in
 
 import toppling
 
@@ -26,20 +28,25 @@ def folder(tmp_path):
 
 
 def answer(program, folder, **environment):
-    told = subprocess.run(
-        [sys.executable, "-c", program],
-        cwd=folder,
-        env=os.environ | environment,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert told.returncode == 0, told.stderr
-    return told.stdout.split()[-1]
+    command = [sys.executable, "-c", program]
+    told = subprocess.check_output(command, cwd=folder, env=os.environ | environment, text=True)
+    return told.split()[-1]
 
 
 def test_the_door_opens_beside_folders_named_as_the_rooms(folder):
     assert answer(OPENS, folder) == "toppling.workers.shaking"
+
+
+def test_what_has_no_such_base_or_no_file_is_refused_with_a_code(tmp_path):
+    with refused("scene.base_absent", 1):
+        toppling.Scene.block(half_width=0.2, half_depth=0.2, half_height=0.6, friction=0.8).on_base(1)
+    with refused("scan.no_files"):
+        toppling.scan([], tmp_path / "scene")
+
+
+def test_a_plan_prints_its_number_of_jobs(tmp_path):
+    planned = toppling.plan(campaign_in(tmp_path, pga_m_s2=[1, 2]))
+    assert f"jobs: {len(planned.jobs)}, " in repr(planned)
 
 
 def test_every_name_at_the_door_leads_somewhere():

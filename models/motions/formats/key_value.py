@@ -1,7 +1,9 @@
 """Headers of keys and values: ESM ASCII (Europe), UNAM's standard file (Mexico), CWB (Taiwan)."""
 
 import re
+from contextlib import suppress
 from dataclasses import replace
+from datetime import datetime
 from itertools import zip_longest
 
 import numpy as np
@@ -70,6 +72,7 @@ class esm:  # noqa: N801  (a reader, as the modules are)
                 distance_km=_optional(header.get("EPICENTRAL_DISTANCE_KM")),
                 series=stream[:-1],
                 stated_peak_m_s2=None if peak_cm_s2 is None else 0.01 * abs(peak_cm_s2),
+                start_s=_seconds(header.get("DATE_TIME_FIRST_SAMPLE_YYYYMMDD_HHMMSS", "")),
             )
         ]
 
@@ -224,6 +227,13 @@ def _number(file: RecordText, header: dict[str, str], key: str) -> float:
     if not is_numeral(text):
         file.refuse("record.header_unreadable", 0, f"{key} is {text!r}", "a number")
     return float(text)
+
+
+def _seconds(text: str) -> float | None:
+    """Seconds since 1970 of '20190728_160919.870'; None of what is no time."""
+    with suppress(ValueError):
+        return datetime.fromisoformat(f"{text.replace('_', 'T')}+00:00").timestamp()
+    return None
 
 
 def _optional(text: str | None) -> float | None:

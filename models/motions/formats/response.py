@@ -124,10 +124,7 @@ def _converted(trace: Any, values: NDArray[np.float64], response: Any, path: Pat
 
 
 def _channel_of(stats: Any, inventory: Any, path: Path) -> Any:
-    """Channel of an inventory with a response, of a trace's codes and time.
-
-    Raises InputError if there is none, with what there is instead, or there are two.
-    """
+    """Channel of an inventory with a response, of a trace's codes and time."""
     asked = stats.network, stats.station, stats.location, stats.channel
     name, every = (
         ".".join(asked),
@@ -219,10 +216,7 @@ def _in_si(response: Any) -> Any:
 def _checked_sensitivity(
     response: Any, unit: Unit, trace: Any, path: Path
 ) -> tuple[float | None, tuple[str, ...]]:
-    """Sensitivity, and a warning where the stages' gain at its frequency is another.
-
-    Raises InputError if the two differ by more than `SAME_GAIN`, or the sensitivity is no number.
-    """
+    """Sensitivity, and a warning where the stages' gain at its frequency is another."""
     stated = response.instrument_sensitivity
     if stated is None or stated.value is None:
         return None, ()

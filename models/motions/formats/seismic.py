@@ -157,8 +157,6 @@ def _joined(stream: Any, path: Path) -> list[tuple[Any, tuple[str, ...]]]:
     """One trace for each channel, joined from its pieces in a file, and warnings of that.
 
     Samples that came twice are merged if they are the same; pieces that meet within half a sample are joined.
-
-    Raises InputError if there is a gap, or an overlap with other samples.
     """
     if len(stream) == 0:
         refuse_file("record.no_samples", path, "no samples")

@@ -107,13 +107,9 @@ def summary(rocks: Sequence[RockResults], shared: Shared, measure: str) -> list[
 
 def _at(rock: RockResults, curve: Lognormal) -> str:
     """Intensity at which half of the shakings topple a rock, with its interval."""
-    median = within(curve.median, curve.strongest_shaken)
+    median = within(curve.median, *curve.shaken)
     at = f"{'' if curve.is_beyond_shaken else 'at '}{median} {printed_unit(curve.measure)}"
-    return (
-        at
-        + interval_words(curve.numbers, curve.strongest_shaken)
-        + (rock.single_base and f" {rock.single_base}")
-    )
+    return at + interval_words(curve.numbers, *curve.shaken) + (rock.single_base and f" {rock.single_base}")
 
 
 def _card(rock: RockResults, folder: Path) -> dict[str, Any]:

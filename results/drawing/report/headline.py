@@ -188,7 +188,7 @@ def _draw_headline(axes: Axes, content: Content, curve: Lognormal) -> None:
             ha="right", color=ALARM_COLOUR, size=7, bbox={"facecolor": "white", "alpha": 0.85, "lw": 0, "pad": 0.8},
         )  # fmt: skip
     at = "" if curve.is_beyond_shaken else "at "
-    median = within(curve.median, curve.strongest_shaken)
+    median = within(curve.median, *curve.shaken)
     axes.set_title(f"one in two topples {at}{median} {printed_unit(curve.measure)}")
 
 

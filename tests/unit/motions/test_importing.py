@@ -47,7 +47,7 @@ def at(place, value):
     ("change", "code"),
     [
         (lambda a: 30 * a, "record.too_strong"), (clipped, "record.clipped"),
-        (at((217, 1), 20.0), "record.spike"), (at((slice(150, 230), 0), 0.0), "record.filled_gap"),
+        (at((217, 1), 20.0), "record.spike"), (at((slice(150, 230), 0), 0.0), "record.filled_gap")
     ],
 )  # fmt: skip
 def test_what_no_ground_does_is_doubted_with_its_file_and_read_if_asked_for(change, code, tmp_path):
@@ -153,6 +153,18 @@ def test_one_uncorrected_channel_makes_a_record_uncorrected(letter, tmp_path):
     assert record.quality == "processed"
 
 
+def test_esm_components_are_aligned_by_the_time_of_their_first_sample(tmp_path):
+    motion = shaking()
+    for path in WRITERS["esm"](tmp_path, motion):
+        at = "101.000" if "HNE" in path.name else "100.600"
+        header = f"DATE_TIME_FIRST_SAMPLE_YYYYMMDD_HHMMSS: 20160824_013{at}\nNDATA"
+        path.write_text(path.read_text().replace("NDATA", header))
+    (record,) = imported(tmp_path).records
+    late = round(0.4 / STEP_S)
+    expected = np.column_stack([motion[:-late, 0], motion[late:, 1:]])
+    assert record.motion.acceleration_m_s2 == pytest.approx(expected, abs=1e-4)
+
+
 A_MINUTE_S = np.arange(6000) * STEP_S
 FLING = np.where(np.abs(A_MINUTE_S - 20.0) < 2.0, 0.4 * np.sin(np.pi * (A_MINUTE_S - 20.0) / 2.0), 0.0)
 """Of a metre in four seconds."""
@@ -166,7 +178,7 @@ NO, ALL, ONE = np.zeros((6000, 3)), np.full((6000, 3), 0.02), np.eye(3)[0]
     [
         (NO, "", "sound"), (0.02 * np.eye(3)[2], "", "processed"), (ALL, "", "processed"),
         (FLING[:, None] * ONE, "", "sound"), (FAR[:, None] * ONE, "", "processed"),
-        (ALL, "corrected", "corrected"), (NO, "raw", "processed"),
+        (ALL, "corrected", "corrected"), (NO, "raw", "processed")
     ],
     ids=["at rest", "an offset up", "an offset", "a fling", "a wander", "called corrected", "called raw"],
 )  # fmt: skip

@@ -6,6 +6,7 @@ import json
 import logging
 import os
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime, timedelta
 
 import pytest
@@ -13,7 +14,7 @@ from refusals import refused
 from small_campaigns import planned_in
 
 from toppling.orchestrator.journal import LOG_FILE, journal, last, log_event
-from toppling.orchestrator.run_folder import prepare, session
+from toppling.orchestrator.run_folder import claimed, prepare, session
 from toppling.orchestrator.status import level_counts, state_of
 from toppling.orchestrator.task import lost_row
 from toppling.results.store import write_part
@@ -27,24 +28,16 @@ def planned(tmp_path):
 
 
 def rows(planned, reasons):
-    return [
-        {**lost_row(planned.spec(job), status, message), "attempt": 1}
-        for job, (status, message) in enumerate(reasons)
-    ]
+    lost = (lost_row(planned.spec(job), *reason) for job, reason in enumerate(reasons))
+    return [row | {"attempt": 1} for row in lost]
 
 
-def test_the_same_failure_of_many_jobs_is_told_once_with_their_number_the_most_frequent_first(
-    planned, tmp_path
-):
-    write_part(
-        tmp_path / "run", rows(planned, [("crashed", "died"), *[("failed", "it falls")] * 9, ("ok", "")])
-    )
+def test_the_same_failure_of_many_jobs_is_told_once_with_their_number(planned, tmp_path):
+    reasons = [("crashed", "died"), *[("failed", "it falls")] * 9, ("ok", "")]
+    write_part(tmp_path / "run", rows(planned, reasons))
     state = state_of(tmp_path / "run")
-    assert (state["stored"], state["failed"], state["status"]) == (
-        11,
-        10,
-        {"crashed": 1, "failed": 9, "ok": 1},
-    )
+    counts = state["stored"], state["failed"], state["status"]
+    assert counts == (11, 10, {"crashed": 1, "failed": 9, "ok": 1})
     told = [(reason["jobs"], reason["status"], reason["message"]) for reason in state["failures"]]
     assert told == [(9, "failed", "it falls"), (1, "crashed", "died")]
     assert state["failures"][1]["job_id"] == planned.spec(0).job_id
@@ -74,9 +67,8 @@ def test_workers_are_told_while_the_session_goes_on_and_no_longer(planned, tmp_p
 
 
 def test_a_look_at_the_state_keeps_no_session_from_beginning(planned, tmp_path, monkeypatch):
-    monkeypatch.setattr(
-        "toppling.orchestrator.run_folder._LOCK_PATIENCE_S", 30.0
-    )  # the timer may be late on a busy machine
+    # The timer may be late on a busy machine.
+    monkeypatch.setattr("toppling.orchestrator.run_folder._LOCK_PATIENCE_S", 30.0)
     # As long as state_of looks, it holds the lock, shared; here for longer, so that the session meets it.
     with (tmp_path / "run" / ".lock").open("a") as lock:
         fcntl.flock(lock, fcntl.LOCK_SH)
@@ -87,9 +79,14 @@ def test_a_look_at_the_state_keeps_no_session_from_beginning(planned, tmp_path, 
         looked.join()
 
 
-def test_a_session_that_goes_on_lets_no_other_begin(planned, tmp_path):
-    with session(tmp_path / "run"), refused("run.locked", os.getpid()), session(tmp_path / "run"):
-        pass
+def test_a_claimed_folder_is_called_running_takes_the_session_of_its_thread_and_refuses_others(
+    planned, tmp_path
+):
+    run = tmp_path / "run"
+    with claimed(run), ThreadPoolExecutor() as other:
+        assert state_of(run)["state"] == "running"
+        with session(run), refused("run.locked", os.getpid()):
+            other.submit(session(run).__enter__).result()
 
 
 @pytest.mark.parametrize("code", ["ENOTSUP", "EOPNOTSUPP", "ENOLCK", "ENOSYS"])
@@ -131,9 +128,8 @@ def entries(run):
 def test_events_and_warnings_are_lines_with_time_level_and_fields(tmp_path):
     with journal(tmp_path):
         log_event("rows stored", done=3)
-        logging.getLogger("toppling.orchestrator.execution").warning(
-            "a worker %s", "died", extra={"fields": {"worker": "w1"}}
-        )
+        named = {"fields": {"worker": "w1"}}
+        logging.getLogger("toppling.orchestrator.execution").warning("a worker %s", "died", extra=named)
     stored, died = entries(tmp_path)
     assert (stored["event"], stored["level"], stored["done"]) == ("rows stored", "info", 3)
     assert (died["event"], died["level"], died["worker"]) == ("a worker died", "warning", "w1")

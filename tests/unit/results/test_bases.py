@@ -6,7 +6,7 @@ import pytest
 
 from toppling.orchestrator.plan import realisations_spread
 from toppling.results.analysis.lognormal import design_of, fit
-from toppling.results.analysis.resampling import base_spread, narrowed_by, sampled
+from toppling.results.analysis.resampling import BaseSpread, base_spread, narrowed_by, sampled
 
 MEDIAN, RECORDS, LEVELS, AZIMUTHS = 0.5, 24, 6, 4
 FROM_RECORD, FROM_JOB = 0.25, 0.25
@@ -41,9 +41,8 @@ def test_each_record_has_all_bases_equally_often_and_no_job_twice(levels, azimut
         often = np.bincount(of_record.ravel(), minlength=count)
         assert len(often) == count
         assert np.ptp(often) <= 1
-        assert all(
-            len(set(point)) == len(point) for point in of_record.reshape(-1, of_record.shape[-1]).tolist()
-        )
+        points = of_record.reshape(-1, of_record.shape[-1]).tolist()
+        assert all(len(set(point)) == len(point) for point in points)
 
 
 @pytest.mark.thorough
@@ -64,18 +63,13 @@ def test_the_part_of_the_base_is_how_far_bases_differ(between_bases):
     assert 0.08 < np.median([one["records"] for one in parts]) < 0.16
 
 
-def test_parts_add_up_to_the_interval_in_squares_of_logarithms():
-    curve = curve_of(run(0.3)[0])
-    low, high = curve.median_interval
-    parts = np.arcsinh([*curve.interval_parts.values()])
-    assert np.hypot(*parts) == pytest.approx(0.5 * np.log(high / low))
-
-
-def test_on_one_base_the_interval_is_that_of_the_records():
-    curve = curve_of(run(0.3)[0].assign(realisation=0))
-    assert [*curve.interval_parts] == ["records"]
-    low, high = curve.median_interval
-    assert curve.interval_parts["records"] == pytest.approx(np.sinh(0.5 * np.log(high / low)))
+@pytest.mark.parametrize(("bases", "names"), [(25, ["records", "base"]), (1, ["records"])])
+def test_parts_add_up_to_the_interval_in_squares_of_logarithms(bases, names):
+    jobs, _ = run(0.3)
+    curve = curve_of(jobs.assign(realisation=jobs["realisation"] % bases))
+    half = 0.5 * np.log(np.divide(*curve.median_interval[::-1]))
+    assert [*curve.interval_parts] == names
+    assert np.linalg.norm(np.arcsinh([*curve.interval_parts.values()])) == pytest.approx(half)
 
 
 @pytest.mark.parametrize("scan", [{}, {"unseen_base": {"kinds": {"flat": 0.5, "rough": 0.5}}}])
@@ -101,8 +95,13 @@ def test_bases_without_weight_say_nothing_of_how_far_bases_differ():
     moved = jobs.assign(toppled=np.where(far, jobs["pgv_m_s"] > 4.0 * MEDIAN, jobs["toppled"]))
     weighed = moved.assign(base_weight=np.where(far, 1e-9, 2.0), record_weight=np.where(far, 1e-9, 2.0))
     of_all, of_even = (
-        base_spread(one, design_of(one, ["pgv_m_s"]) @ fit(one, ["pgv_m_s"]).coefficients).variance
+        base_spread(one, design_of(one, ["pgv_m_s"]) @ fit(one, ["pgv_m_s"]).coefficients).half_width
         for one in (moved, weighed)
     )
-    assert of_all > 0.3
-    assert of_even < 0.1
+    assert of_all > 1.1
+    assert of_even < 0.7
+
+
+def test_what_few_jobs_leave_unknown_of_the_bases_widens_their_part():
+    any_share, third = (BaseSpread(chance, 25, 25.0) for chance in (np.full(40, 1 / 40), np.eye(40)[23]))
+    assert any_share.half_width > 1.05 * third.half_width  # both are a third on average

@@ -79,8 +79,10 @@ def answer(statement: dict[str, Any]) -> list[str]:
     standing = "the standing rock" if len(statement["rocks"]) == 1 else "the standing rocks"
     out = counts["branches_inconsistent"]
     if not several:
-        verdict = "inconsistent" if out else "consistent"
-        first = f"The hazard is {verdict} with {standing} {at}: survival is {share_words(alive[0])}."
+        verdict, branch = "inconsistent" if out else "consistent", statement["branches"][0]
+        low, high = branch.get("survival_low"), branch.get("survival_high")
+        drawn = "" if low is None else f" (95 %: {_change(low, high)})"
+        first = f"The hazard is {verdict} with {standing} {at}: survival is {share_words(alive[0])}{drawn}."
         return [first, _allowed(statement)]
     if out == len(alive):
         most = share_words(max(alive))
@@ -91,7 +93,7 @@ def answer(statement: dict[str, Any]) -> list[str]:
     first = (
         f"{out or 'None'} of the {len(alive)} branches {'are' if out > 1 else 'is'} inconsistent with {standing} "
         f"{at}{weight}: survival is {share_words(counts['survival_mean_of_branches'])} on average, "
-        f"{share_words(min(alive))} to {share_words(max(alive))}."
+        f"{share_words(min(alive))} to {share_words(max(alive))} by branch."
     )
     before, after = (f"{counts[f'effective_branches_{when}']:.3g}" for when in ("prior", "posterior"))
     weighed = f"The branch set counts as {before} equal branches by its prior weights, {after} by the posterior ones."

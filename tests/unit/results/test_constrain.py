@@ -18,6 +18,7 @@ from toppling.orchestrator.cli import cli
 from toppling.results.analysis.exchange import write_curves
 from toppling.results.analysis.lognormal import Basis, Lognormal
 from toppling.results.drawing.run_figures import write_fits
+from toppling.results.drawing.sentences import answer, share_words
 from toppling.results.hazard.readers import read_hazard
 from toppling.results.reader import open_run
 from toppling.results.store import write_part
@@ -212,7 +213,7 @@ def test_a_tree_is_updated_by_the_rocks_survival_with_factors_of_their_closed_fo
     assert row["rate_posterior_p05"] <= row["rate_posterior_p95"]
 
 
-def test_an_uncertain_age_reaches_the_factors_and_the_updated_mean(tmp_path, curves):
+def test_an_uncertain_age_reaches_factors_updated_mean_and_verdict(tmp_path, curves, hazards):
     tree = openquake_tree(tmp_path / "tree")
     told = told_by(curves, "--age", "5000..20000", "--hazard", tree)
     assert told["intervals_carry"] == ["age"]
@@ -222,6 +223,9 @@ def test_an_uncertain_age_reaches_the_factors_and_the_updated_mean(tmp_path, cur
     assert branch["scale_factor_high"] == pytest.approx(exact[1], rel=0.01)
     row = told["updated"][4]
     assert row["rate_posterior_mean_low"] < row["rate_posterior_mean"] < row["rate_posterior_mean_high"]
+    one = told_by(curves, "--age", "5000..20000", "--hazard", hazards[0])
+    ends = [share_words(one["branches"][0][f"survival_{end}"]) for end in ("low", "high")]
+    assert f"(95 %: {' to '.join(ends)})" in answer(one)[0]
 
 
 @pytest.mark.usefixtures("empty_figures")

@@ -19,7 +19,7 @@ import pyarrow.parquet as pq
 from toppling.models.errors import InputError, refusals
 from toppling.models.files import documents
 from toppling.models.files.folder import new_file
-from toppling.models.files.given import HEAD_BYTES, LARGEST_BYTES, TAIL_BYTES, open_given
+from toppling.models.files.given import HEAD_BYTES, TAIL_BYTES, open_given
 
 log = logging.getLogger(__name__)
 
@@ -31,8 +31,6 @@ BLANK = f"{_MARK}{'0' * 64}"
 """Placeholder that a writer puts where the digest will be."""
 
 _LFS = b"version https://git-lfs"
-_TEXTS = {".json", ".toml"}
-"""Files whose ends of lines Git and FTP exchange for those of the system."""
 _UNSETTLED_S = 2.0
 """A file changed so recently may change again without another time: it is not remembered."""
 
@@ -86,11 +84,7 @@ def check(path: _PathLike, *, required: bool = False) -> bool:
         if seen != stamp(state):
             place = _place(file, state.st_size)
             sealed = place is not None
-            if (
-                place is not None
-                and (stated_digest := _bytes_at(file, place)) != _digest(file, place)
-                and stated_digest != _digest_of_lines(file, Path(path))
-            ):
+            if place is not None and _bytes_at(file, place) != _digest(file, place):
                 raise damaged(path, "its bytes do not have its digest")
             if not sealed and not required:
                 log.warning("%s carries no digest, as files of earlier versions: taken as it is", path)
@@ -131,7 +125,7 @@ def damaged(path: _PathLike, why: object) -> DamagedError:
     what = f"is damaged ({str(why).partition(chr(10))[0]})"
     remedy = "copy it again from where it was made, or make it anew"
     if Path(path).suffix == ".json":
-        remedy += "; if you changed it, remove its line 'digest'"
+        remedy += "; if you or Git changed it, such as its ends of lines, remove its line 'digest'"
     return DamagedError(
         "file.damaged", what, where=str(path), expected="the file as it was written", remedy=remedy
     )
@@ -203,16 +197,6 @@ def _digest(file: IO[bytes], place: int) -> bytes:
     while chunk := file.read(io.DEFAULT_BUFFER_SIZE):
         digest.update(chunk)
     return digest.hexdigest().encode()
-
-
-def _digest_of_lines(file: IO[bytes], path: Path) -> bytes:
-    """Digest of a text with the line ends that the program writes; empty for any other file."""
-    if path.suffix not in _TEXTS or os.fstat(file.fileno()).st_size > LARGEST_BYTES:
-        return b""
-    file.seek(0)
-    lines = io.BytesIO(file.read().replace(b"\r\n", b"\n"))
-    place = _place(lines, len(lines.getbuffer()))
-    return b"" if place is None else _digest(lines, place)
 
 
 _LEAST_BOUND_BYTES = 64_000_000

@@ -249,10 +249,8 @@ class TriangleMesh(Protocol):
 MeshLike = str | os.PathLike[str] | tuple[ArrayLike, ArrayLike] | TriangleMesh
 """A file, a pair of vertices and triangles, or an object that has both."""
 
-_COUNTED_BACK = re.compile(rb"^[ \t]*f[ \t][^\n\r]*-\d", re.MULTILINE)
-"""A face of an OBJ by negative numbers."""
-_FROM_ZERO = re.compile(rb"^[ \t]*f[ \t](?:[^\n\r#]*[ \t])?0+(?=[/\s])", re.MULTILINE)
-"""A face of an OBJ whose vertices are counted from 0: their numbers are from 1 on."""
+_NOT_FROM_ONE = re.compile(rb"^[ \t]*f(?=[ \t])[^\n\r#]*?(?:[ \t/]-\d|[ \t]0+(?=[/\s]))", re.MULTILINE)
+"""A face of an OBJ whose vertices are not numbered from 1 on: trimesh counts back from the end of the file."""
 _OF_LOOKS = ("KHR_materials", "KHR_texture", "EXT_texture", "KHR_lights", "KHR_xmp", "KHR_mesh_quantization")
 """How extensions of glTF begin without which the triangles are the same, and one that is read."""
 _damaged = refusals(
@@ -333,14 +331,12 @@ def triangles_of(mesh: MeshLike, what: str) -> tuple[ArrayLike, ArrayLike, str]:
 def _parse_mesh(path: Path) -> tuple[None, list[NDArray]]:
     """Vertices and triangles of a file by trimesh; called in the guarded process, since a small file may say much."""
     content, suffix = bytes_given(path, _damaged, _LARGEST_BYTES), path.suffix.lower()
-    if suffix == ".obj" and _FROM_ZERO.search(content):
-        raise _damaged("mesh.index_out_of_range", "a face has the vertex 0, and the first one is 1", path)
+    if suffix == ".obj" and _NOT_FROM_ONE.search(content):
+        raise _damaged("mesh.index_out_of_range", "a face has a number that is not 1 or more", path)
     if suffix in (".glb", ".gltf"):
         _check_gltf(content, path)
     if suffix == ".stl":
         content = _whole_stl(content, path)
-    if suffix == ".obj" and _COUNTED_BACK.search(content):
-        content = _counted_from_the_first(content)
     resolver = trimesh.resolvers.FilePathResolver(str(path))  # glTF keeps its numbers in a file beside it
     mesh: Any = trimesh.load(
         BytesIO(content), file_type=suffix[1:], resolver=resolver, force="mesh", process=False
@@ -375,30 +371,6 @@ def _check_gltf(content: bytes, path: Path) -> None:
     if needed:
         what = f"its triangles need {', '.join(map(str, needed))}, which is not read"
         raise _damaged("mesh.variant_unknown", what, path)
-
-
-def _counted_from_the_first(content: bytes) -> bytes:
-    """Write an OBJ with numbers of vertices from the first on; negative ones count back from the line they stand in.
-
-    trimesh counts them back from the end of the file, which is another vertex wherever pieces follow each other.
-    """
-    seen = {b"v": 0, b"vt": 0, b"vn": 0}
-    lines = []
-    for line in content.replace(b"\\\r\n", b"").replace(b"\\\n", b"").splitlines():
-        word, *rest = line.split() or [b""]
-        if word in seen:
-            seen[word] += 1
-        elif word == b"f" and b"-" in line:
-            corners = [corner.split(b"/") for corner in rest]
-            line = b"f " + b" ".join(
-                b"/".join(
-                    b"%d" % (seen[kind] + 1 + int(number)) if number.startswith(b"-") else number
-                    for kind, number in zip(seen, corner, strict=False)
-                )
-                for corner in corners
-            )
-        lines.append(line)
-    return b"\n".join(lines)
 
 
 def write_ply(path: Path, vertices_m: Array, faces: NDArray[np.int64]) -> None:

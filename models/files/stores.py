@@ -40,9 +40,6 @@ _NO_STORES = {
 }
 """Kinds of fsspec that keep no folder, or that are this machine: the last is a path (`local`)."""
 
-_AZURE = "AZURE_STORAGE_CONNECTION_STRING"
-"""Arrow takes no key of an account from an address; without this the machine's own login is used."""
-
 Stamp = list[int]
 """Size, and time of the last change in nanoseconds."""
 
@@ -265,16 +262,10 @@ def kinds() -> frozenset[str]:
 def _file_system(address: str) -> tuple[Any, str]:
     """Arrow file system that reaches a store, and the path in it."""
     import pyarrow as pa
-    from pyarrow.fs import AzureFileSystem, FileSystem, FSSpecHandler, PyFileSystem
+    from pyarrow.fs import FileSystem, FSSpecHandler, PyFileSystem
 
-    kind, _, place = address.partition("://")
-    if kind in ("az", "abfs", "abfss") and "@" not in place and (connection := os.environ.get(_AZURE)):
-        try:
-            return AzureFileSystem(**azure_arguments(connection)), place
-        except pa.ArrowException as error:
-            raise no_answer(address, error) from None
     # Google's store is otherwise asked for a quarter of an hour.
-    patience = "?retry_limit_seconds=20" if kind in ("gs", "gcs") and "?" not in address else ""
+    patience = "?retry_limit_seconds=20" if address.startswith(("gs:", "gcs:")) and "?" not in address else ""
     try:
         return FileSystem.from_uri(address + patience)
     except pa.ArrowInvalid:
@@ -292,27 +283,11 @@ def _file_system(address: str) -> tuple[Any, str]:
             f"is in a kind of store that cannot be reached from here ({error})",
             where=address,
             expected="s3://, gs://, abfs://, hdfs://, or what an installed package of fsspec reaches",
-            remedy=f"install the package that is named ({_AZURE} is enough for az://), or copy the folder here",
+            remedy="install the package that is named, or copy the folder here",
         ) from None
     except Exception as error:  # (some connect at once, and each package has errors of its own)
         raise no_answer(address, error) from None
     return PyFileSystem(FSSpecHandler(system)), root
-
-
-def azure_arguments(connection: str) -> dict[str, str]:
-    """Arguments of Arrow's file system from a connection string, as Azure shows it for an account."""
-    given = dict(pair.partition("=")[::2] for pair in connection.split(";") if pair)
-    endpoint = given.get("BlobEndpoint", "").split("/")  # https: // authority / account
-    named = {
-        "account_name": given.get("AccountName", ""),
-        "account_key": given.get("AccountKey"),
-        "sas_token": given.get("SharedAccessSignature"),
-        "blob_storage_scheme": given.get("DefaultEndpointsProtocol"),
-    }
-    if len(endpoint) > 2:
-        named["blob_storage_scheme"], named["blob_storage_authority"] = endpoint[0].rstrip(":"), endpoint[2]
-        named["dfs_storage_scheme"], named["dfs_storage_authority"] = endpoint[0].rstrip(":"), endpoint[2]
-    return {name: value for name, value in named.items() if value is not None}
 
 
 def no_answer(address: str, error: Exception) -> InputError:
@@ -323,8 +298,7 @@ def no_answer(address: str, error: Exception) -> InputError:
         f"the store gives no answer ({lines[0]})",
         where=address,
         expected="a bucket that exists, and credentials that may read and write it",
-        remedy="check the address and the store's variables (AWS_ACCESS_KEY_ID, AWS_ENDPOINT_URL, ...; "
-        f"{_AZURE}; FSSPEC_...)",
+        remedy="check the address and the store's variables (AWS_ACCESS_KEY_ID, AWS_ENDPOINT_URL, ...; FSSPEC_...)",
     )
 
 

@@ -2,7 +2,6 @@
 
 import logging
 import math
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -239,26 +238,14 @@ def record_files(paths: Iterable[Path]) -> list[Path]:
         else:
             found[path] = None
     if paths and not found:
-        raise _without_records(paths)
+        raise InputError(
+            "record.none_found",
+            "no file here can be a record",
+            where=", ".join(map(str, paths)),
+            expected="accelerograms: files of an agency, SAC, miniSEED, or tables of time and acceleration",
+            remedy="give another folder; a file given by its name is read whatever that ends in",
+        )
     return list(found)
-
-
-def _without_records(folders: Sequence[Path]) -> InputError:
-    """Say what the folders hold instead of records."""
-    kinds = Counter(
-        file.suffix.lower() or "no suffix"
-        for folder in folders
-        for file in folder.rglob("*")
-        if file.is_file()
-    )
-    held = ", ".join(f"{count} of {kind}" for kind, count in kinds.most_common(5))
-    return InputError(
-        "record.none_found",
-        f"no file here can be a record ({held or 'there is none'})",
-        where=", ".join(map(str, folders)),
-        expected="accelerograms: files of an agency, SAC, miniSEED, or tables of time and acceleration",
-        remedy="give another folder; a file given by its name is read whatever that ends in",
-    )
 
 
 def _may_be_record(file: Path, folder: Path) -> bool:

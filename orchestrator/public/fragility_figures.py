@@ -4,7 +4,6 @@ import contextlib
 import itertools
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 
 import pandas as pd
@@ -147,15 +146,12 @@ def fragility(
     # Of a contact: three files per map (over all directions, and by direction), and four of directions.
     maps_and_roses = 3 * sum(1 + plane.by_direction for plane in planes.values()) + 4
     steps = maps_and_roses + bool(within) + (10 + run_figures.FIT_PARTS) * fit + reference
-    advance(0, total=len(contacts) * steps + 4 * len(by_surroundings(jobs)) + bool(audits))
+    advance(0, total=len(contacts) * steps + 4 * len(by_surroundings(jobs)))
     drawing = itertools.chain(
         run_figures.write_maps(jobs, folder, planes.values(), directions, lines, done),
         run_figures.write_directions(jobs, quasi_static, folder, within, done),
         run_figures.write_friction(jobs, folder, planes["pga_pgv"], done),
-        run_figures.write_fits(jobs, folder, opened.name, samples, partial(audits_of, opened), advance, done)
-        if fit
-        else (),
-        run_figures.write_audits(audits, folder),
+        run_figures.write_fits(jobs, folder, opened.name, samples, advance, done) if fit else (),
     )
     written = list(_counted(drawing, advance))
     fitted, curves = (of(folder, contacts if fit else ()) for of in (_fits_in, _curves_in))

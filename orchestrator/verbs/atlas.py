@@ -1,4 +1,4 @@
-"""`toppling atlas`: many rocks on one page, in one figure, one table and one map."""
+"""`toppling atlas`: many rocks on one page, in one figure and one table."""
 
 import json
 from collections import Counter
@@ -42,7 +42,7 @@ def atlas(
     samples: int,
     as_json: bool,
 ) -> None:
-    """Show the rocks of RUN side by side: a gallery, their fragilities in one figure, a table and a map.
+    """Show the rocks of RUN side by side: a gallery, their fragilities in one figure, and a table.
 
     RUN is an atlas, a run of a campaign of many rocks; several runs of one rock each are shown together too. It writes
     atlas.html, which needs no network, fragilities.png and .svg, rocks.csv, and rocks.geojson with the rocks whose
@@ -112,12 +112,11 @@ def _write_files(folder: Path, rocks: list["RockResults"], measure: str) -> None
     import pandas as pd
 
     from toppling.results.analysis.side_by_side import directions_geojson, geojson
-    from toppling.results.drawing.side_by_side_figures import fragilities_figure, places_figure
+    from toppling.results.drawing.side_by_side_figures import fragilities_figure
     from toppling.results.drawing.style import save
 
     save(fragilities_figure(rocks, measure), folder / "fragilities")
     write_csv(pd.DataFrame([rock.row for rock in rocks]), folder / "rocks.csv")
     if any(rock.place for rock in rocks):
-        save(places_figure(rocks, measure), folder / "places")
         for name, content in (("rocks", geojson(rocks)), ("directions", directions_geojson(rocks))):
             write_text(json.dumps(content, indent=1, allow_nan=False), folder / f"{name}.geojson")

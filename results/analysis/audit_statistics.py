@@ -130,11 +130,6 @@ def audits_of(run: Run, measure: str = "pga_m_s2") -> dict[str, Audit]:
     return found
 
 
-def audit_table(audits: Mapping[str, Audit]) -> pd.DataFrame:
-    """Table with one row per audit."""
-    return pd.DataFrame([audit.to_json() for audit in audits.values()])
-
-
 def audits_json(audits: Mapping[str, Audit]) -> dict[str, Any]:
     """JSON of the reference's audit, with those of other engines under `engines`; empty without an audit."""
     if not audits:

@@ -89,7 +89,6 @@ def _hazard(tree: HazardTree) -> dict[str, Any]:
         "measure": tree.measure, "years": tree.years, "weights_from": tree.weights_from,
         "component": next((curve.component for curve in tree.curves if curve.component), ""),
         "site_name": tree.site_name, "site": list(tree.site) if tree.site else None, "files": sources(tree),
-        "assumed": list(dict.fromkeys(curve.assumed for curve in tree.curves if curve.assumed)),
     }  # fmt: skip
 
 

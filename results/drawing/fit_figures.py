@@ -1,6 +1,5 @@
 """Figures, tables and sentences on fits: curve of the best measure, ranking, calibration, surfaces of two measures."""
 
-import math
 from collections.abc import Iterable
 from typing import Any
 
@@ -8,18 +7,15 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
-from scipy.special import ndtr, ndtri
+from scipy.special import ndtr
 
 from toppling.models.arrays import Array
 from toppling.models.motions.measures import COMPARED
 from toppling.results.analysis import NARROW_RECORDS
-from toppling.results.analysis.lognormal import Lognormal, Surface
+from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.analysis.resampling import LEAST_RECORDS
 from toppling.results.drawing.style import (
     FULL_WIDTH_IN,
-    HALF_WIDTH_IN,
     MAIN_COLOUR,
     digits,
     measure_label,
@@ -125,61 +121,6 @@ def _draw_calibration(axes: Axes, calibrated: pd.DataFrame) -> None:
         xlabel="predicted probability", ylabel="observed share", title="records left out of the fit",
         xlim=(0, 1), ylim=(0, 1), xticks=np.linspace(0, 1, 5), xticklabels=["0", "", "0.5", "", "1"],
     )  # fmt: skip
-
-
-_CONTOURS = {0.05: ":", 0.5: "-", 0.95: "--"}
-"""Toppling probabilities whose contours are drawn, and their line styles."""
-
-
-def surface_figure(surface: Surface, jobs: pd.DataFrame) -> Figure:
-    """Contours of toppling probability over two measures, the interval of the median's, and the jobs.
-
-    surface: fragility over two measures.
-    jobs: rows of results with an answer.
-    """
-    first, second = surface.measures
-    x = np.geomspace(jobs[first].min(), jobs[first].max(), 200)
-    with style():
-        figure = Figure(figsize=(HALF_WIDTH_IN, HALF_WIDTH_IN + 0.5), layout="constrained")
-        axes = figure.subplots()
-        for toppled, colour in ((False, "0.75"), (True, "#d98c5f")):
-            some = jobs[jobs["toppled"] == toppled]
-            axes.scatter(some[first], some[second], s=3, color=colour, lw=0, rasterized=True)
-        for share, line in _CONTOURS.items():
-            axes.plot(
-                x, _crossing(np.array([surface.coefficients]), x, share)[0], line, color=MAIN_COLOUR, lw=1.2
-            )
-        drawn = surface.resampled
-        if drawn is not None and len(drawn.coefficients):
-            ends = drawn.interval(_crossing(drawn.coefficients, x, 0.5))
-            axes.fill_between(x, *ends, color=MAIN_COLOUR, alpha=0.25, lw=0)
-        axes.set(
-            xscale="log", yscale="log", xlim=(x[0] / 1.05, x[-1] * 1.05),
-            ylim=(jobs[second].min() / 1.1, jobs[second].max() * 1.1),
-            xlabel=measure_label(first), ylabel=measure_label(second),
-        )  # fmt: skip
-        plain_log(axes.xaxis)
-        plain_log(axes.yaxis)
-        handles: list[Line2D | Patch] = [
-            Line2D([], [], color=MAIN_COLOUR, ls=line, label=f"{100 * share:g} % topple")
-            for share, line in _CONTOURS.items()
-        ]
-        if drawn is not None and len(drawn.coefficients):
-            handles.append(Patch(color=MAIN_COLOUR, alpha=0.25, lw=0, label="its 95 % interval"))
-        handles += [
-            Line2D([], [], color=colour, marker="o", ms=3, ls="", label=word)
-            for colour, word in (("0.75", "stands"), ("#d98c5f", "toppled"))
-        ]
-        figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False)
-    return figure
-
-
-def _crossing(coefficients: np.ndarray, x: np.ndarray, share: float) -> np.ndarray:
-    """Second measure with a given toppling probability at each value of the first, (surfaces, x)."""
-    intercept, slope, other = coefficients.T[:, :, None]
-    with np.errstate(divide="ignore", over="ignore"):
-        level = np.exp((ndtri(share) - intercept - slope * np.log(x)) / other)
-    return np.where(other > 0, level, math.inf)
 
 
 def fit_table(summary: pd.DataFrame, known: pd.DataFrame) -> pd.DataFrame:

@@ -28,7 +28,7 @@ from toppling.results.drawing.style import (
 from toppling.results.hazard.curves import HazardCurve, bearing
 from toppling.results.hazard.magnitudes import MotionGrid
 from toppling.results.hazard.places import FaultTrace
-from toppling.results.hazard.tree import Branch, HazardTree, Statistics
+from toppling.results.hazard.tree import Branch
 from toppling.results.hazard.update import Update
 
 _LEAST_RATE = 3e-7
@@ -149,21 +149,14 @@ def hazard_figure(update: Update, width_in: float = FULL_WIDTH_IN) -> Figure:
     """Prior and posterior annual rates of exceedance over intensity, with return periods on the right."""
     tree = update.tree
     assert tree is not None
-    count = len(tree.branches)
-    rows = (1 + bool(tree.fractiles)) if count == 1 else 5 if width_in < FULL_WIDTH_IN else 2
+    several = len(tree.branches) > 1
+    rows = 2 if not several else 5 if width_in < FULL_WIDTH_IN else 2
     with style():
         figure, axes = _rates_axes(tree.measure, width_in, 0.5 + 0.16 * rows, 0.75)
-        if count > 1:
+        if several:
             weights = tree.weights if update.posterior is None else update.posterior
-            _draw_branches(axes, tree.branches, weights, f"{count} branches, darker with more weight")
-        _draw_fractiles(axes, update, tree)
-        if update.after is not None and count > 1:
-            _draw_band(axes, update.after, "5 to 95 % after")
-        name = "mean before" if count > 1 else "hazard"
-        axes.plot(*bearing(update.before.levels, update.before.mean), "k--", lw=1.3, label=name)
-        if update.after is not None and count > 1:
-            line = bearing(update.after.levels, update.after.mean)
-            axes.plot(*line, color=MAIN_COLOUR, lw=1.6, label="mean after")
+            _draw_branches(axes, tree.branches, weights, f"{len(weights)} branches, darker with more weight")
+        _draw_before_and_after(axes, update.updated, after=several)
         _frame(axes, update, width_in)
         _legend_below(figure, axes, 1 if width_in < FULL_WIDTH_IN else 3)
     return figure
@@ -179,28 +172,22 @@ def _draw_branches(axes: Axes, branches: Sequence[Branch], weights: Array, label
         )  # fmt: skip
 
 
-def _draw_fractiles(axes: Axes, update: Update, tree: HazardTree) -> None:
-    """Draw the 5 and 95 % fractiles of the branches, or the outermost stated fractiles of a single curve."""
-    if len(tree.branches) > 1:
-        of, shown = "of the branches before", {q: update.before.fractiles[q] for q in (0.05, 0.95)}
-        lines = {q: bearing(update.before.levels, rates) for q, rates in shown.items()}
-    else:
-        of, stated = "as the files state them", sorted(tree.fractiles.items())
-        lines = {q: (curve.intensity, curve.annual_rate) for q, curve in (*stated[:1], *stated[-1:])}
-    lines = {q: line for q, line in lines.items() if len(line[0])}
-    label = f"{' and '.join(f'{100 * q:g}' for q in lines)} % {of}"
-    for line in lines.values():
-        axes.plot(*line, "k:", lw=1.0, label=label)
-        label = "_"
-
-
-def _draw_band(axes: Axes, curves: Statistics, label: str) -> None:
-    low, high = curves.fractiles[0.05], curves.fractiles[0.95]
-    positive = np.isfinite(low) & np.isfinite(high) & (high > 0)
-    axes.fill_between(
-        curves.levels[positive], np.maximum(low[positive], _LEAST_RATE / 10), high[positive], color=MAIN_COLOUR,
-        alpha=0.3, lw=0, label=label,
-    )  # fmt: skip
+def _draw_before_and_after(axes: Axes, updated: pd.DataFrame, *, after: bool = True) -> None:
+    """Draw mean and 5 to 95 % of the branches under the prior weights and, unless told not to, the posterior ones."""
+    rates = updated.replace(math.inf, math.nan)
+    level, times = rates["level"], ("prior", "posterior")
+    (low, high, mean), new = (
+        [rates[f"rate_{time}_{kind}"] for kind in ("p05", "p95", "mean")] for time in times
+    )
+    if high.notna().any():
+        axes.plot(level, low.where(low > 0), "k:", lw=1.0, label=f"5 and 95 %{' before' if after else ''}")
+        axes.plot(level, high.where(high > 0), "k:", lw=1.0)
+    axes.plot(level, mean.where(mean > 0), "k--", lw=1.3, label="mean before" if after else "hazard")
+    low, high, mean = new
+    if after and mean.notna().any():
+        low = low.clip(lower=_LEAST_RATE / 10)
+        axes.fill_between(level, low, high, color=MAIN_COLOUR, alpha=0.3, lw=0, label="5 to 95 % after")
+        axes.plot(level, mean.where(mean > 0), color=MAIN_COLOUR, lw=1.6, label="mean after")
 
 
 def _frame(axes: Axes, update: Update, width_in: float) -> None:
@@ -288,25 +275,12 @@ def _draw_survival(axes: Axes, branches: pd.DataFrame, confidence: float) -> Non
 
 
 def _draw_hazard(axes: Axes, updated: pd.DataFrame) -> None:
-    level = updated["level"]
-    measure = updated["measure"].iloc[0]
-    before = updated["rate_prior_p05"], updated["rate_prior_p95"]
-    axes.fill_between(level, *before, color="0.85", lw=0, label="5 to 95 % before")
-    if updated["rate_posterior_mean"].notna().any():
-        after = updated["rate_posterior_p05"], updated["rate_posterior_p95"]
-        axes.fill_between(level, *after, color=MAIN_COLOUR, alpha=0.3, lw=0, label="5 to 95 % after")
-        mean = _positive(updated["rate_posterior_mean"])
-        axes.plot(level, mean, color=MAIN_COLOUR, lw=1.4, label="mean after")
-    axes.plot(level, _positive(updated["rate_prior_mean"]), "k--", lw=1.0, label="mean before")
-    _over_rates(axes, measure)
-    least = _positive(updated["rate_prior_mean"]).min()
-    site = updated["site"].iloc[0]
-    axes.set(ylim=(least / 10, None), xlim=(level.min(), level.max()), title=f"at {site}")
+    level, mean = updated["level"], updated["rate_prior_mean"]
+    _draw_before_and_after(axes, updated)
+    _over_rates(axes, updated["measure"].iloc[0])
+    least = mean.where(mean > 0).min()
+    axes.set(ylim=(least / 10, None), xlim=(level.min(), level.max()), title=f"at {updated['site'].iloc[0]}")
     axes.legend(loc="lower left", frameon=False)
-
-
-def _positive(values: pd.Series) -> pd.Series:
-    return values.where(values > 0)
 
 
 _DASHES = ("-", "--", "-.", ":")

@@ -1,7 +1,6 @@
 """Writes the figures of a run and their tables to a folder."""
 
-import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +9,6 @@ import pandas as pd
 from toppling.models.files.table import write_csv
 from toppling.models.motions.measures import OPENQUAKE
 from toppling.results.analysis import fits, lognormal, resampling
-from toppling.results.analysis.audit_statistics import Audit, audit_table
 from toppling.results.analysis.exchange import write_curves
 from toppling.results.analysis.fragility import (
     DIRECTION_BINS,
@@ -25,7 +23,7 @@ from toppling.results.analysis.fragility import (
     topple_rose,
     unplaced,
 )
-from toppling.results.drawing.fit_figures import fit_figure, surface_figure
+from toppling.results.drawing.fit_figures import fit_figure
 from toppling.results.drawing.maps import direction_figure, friction_figure, map_figure
 from toppling.results.drawing.roses import rose_figure
 from toppling.results.drawing.style import save, short_name
@@ -113,19 +111,11 @@ def write_friction(
         yield from save(friction_figure(table, jobs), target / "friction", _remark(run))
 
 
-def write_audits(audits: Mapping[str, Audit], folder: Path) -> Iterator[Path]:
-    """Write the table of audits, one row per audit, and yield its path; nothing without audits."""
-    (folder / "audit.csv").unlink(missing_ok=True)
-    if audits:
-        yield write_csv(audit_table(audits), folder / "audit.csv")
-
-
 def write_fits(
     frame: pd.DataFrame,
     folder: Path,
     name: str,
     samples: int = resampling.SAMPLES,
-    audit_over: Callable[[str], Mapping[str, Audit]] = lambda _: {},
     advance: Callable[[float, str], object] = lambda _, __: None,
     run: Completeness | None = None,
 ) -> Iterator[Path]:
@@ -134,7 +124,6 @@ def write_fits(
     frame: rows of results.
     name: name of the rock in exchange files.
     samples: number of bootstrap samples of records.
-    audit_over: audits of the run for a measure (`analysis.audit_statistics.audits_of`).
     advance: called with the steps done for a contact, of FIT_PARTS, and the name of the next one.
     run: completeness of the run, stored with curves; an unfinished run is marked above the figure.
     Yields each file, once it is complete.
@@ -144,7 +133,7 @@ def write_fits(
         former_files = [file for stem in ("curves", "fits", "surface") for file in target.glob(f"{stem}.*")]
         for former in (*former_files, target / "calibration.csv"):
             former.unlink(missing_ok=True)  # files of measures that have no fit any more are not overwritten
-        yield from _write_contact(jobs, target, name, samples, audit_over, advance, run)
+        yield from _write_contact(jobs, target, name, samples, advance, run)
 
 
 def _write_contact(
@@ -152,7 +141,6 @@ def _write_contact(
     target: Path,
     name: str,
     samples: int,
-    audit_over: Callable[[str], Mapping[str, Audit]],
     advance: Callable[[float, str], object],
     run: Completeness | None,
 ) -> Iterator[Path]:
@@ -169,22 +157,12 @@ def _write_contact(
     parts = len(contact.measures) + len(both) * len(lognormal.LINKS)
     of_two = [contact.fitted(names, link) for names in both for link in lognormal.LINKS]
     models = [*contact.models, *of_two]
-    table = fits.summary(models)
-    audits = [audit_over(model.measures[0]) if model.lognormal else {} for model in models]
-    for by in dict.fromkeys(by for of_model in audits for by in of_model):
-        for part, end in (("value", ""), ("low", "_low"), ("high", "_high")):
-            table[f"median_shift_percent_against_{by}{end}"] = [
-                getattr(of_model[by].median_shift_percent, part) if by in of_model else math.nan
-                for of_model in audits
-            ]
-    yield write_csv(table, target / "fits.csv")
+    yield write_csv(fits.summary(models), target / "fits.csv")
     surfaces = [
         replace(surface, basis=fits.basis_of(jobs, surface.measures[0], run))
         for model in of_two
         if model.measures == lognormal.SURFACES[0] and (surface := model.surface)
     ]
-    for surface in surfaces:
-        yield from save(surface_figure(surface, contact.known), target / "surface", _remark(run))
     if curves := list(contact.curves.values()):
         for suffix in (".csv", ".json"):
             yield write_curves(target / f"curves{suffix}", curves, name, surfaces)

@@ -220,7 +220,6 @@ def what_it_rests_on(statement: dict[str, Any], *, branches: bool = True) -> lis
             lines.append(
                 f"Up to {share_words(lost)} of a branch's toppling rate may lie outside its points: not counted."
             )
-    lines += statement.get("hazard", {}).get("assumed", ())
     lines += [
         *(_branch_lines(statement) if branches else ()),
         *_tree_lines(statement),

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from toppling.models.errors import counted
@@ -99,32 +98,6 @@ def _draw_medians(axes: Axes, drawn: Sequence[RockResults], measure: str) -> Non
     )  # fmt: skip
     axes.grid(axis="x", lw=0.4, alpha=0.5)
     plain_log(axes.xaxis)
-
-
-def places_figure(rocks: Sequence[RockResults], measure: str, width_in: float = FULL_WIDTH_IN) -> Figure:
-    """Map of the rocks with known locations, coloured by their median intensity."""
-    placed = [rock for rock in rocks if rock.place]
-    with style():
-        figure = Figure(figsize=(width_in, 0.72 * width_in), layout="constrained")
-        axes = figure.subplots()
-        points = _across_date_line(np.array([rock.place for rock in placed], float).reshape(-1, 2))
-        medians = np.array([rock.curve.median if rock.curve else np.nan for rock in placed])
-        _frame_map(axes, points)
-        bare = np.isnan(medians)
-        axes.scatter(points[bare, 0], points[bare, 1], marker="x", color="0.4", s=22, lw=0.9)
-        if not bare.all():
-            low, high = np.nanmin(medians), np.nanmax(medians)
-            shades = LogNorm(low / 1.05, high * 1.05)
-            sizes = _ring_sizes(points[~bare])
-            behind = np.argsort(-sizes)  # rocks at one location appear as concentric rings
-            x, y = points[~bare][behind].T
-            dots = axes.scatter(
-                x, y, sizes[behind], medians[~bare][behind], norm=shades, cmap=COLOURS, ec="0.2", lw=0.5
-            )
-            bar = figure.colorbar(dots, ax=axes, shrink=0.8, label=measure_label(measure))
-            plain_log(bar.ax.yaxis)
-        _name_points(axes, points, [rock.name for rock in placed])
-    return figure
 
 
 def _ring_sizes(points: np.ndarray) -> np.ndarray:

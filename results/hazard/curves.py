@@ -39,7 +39,6 @@ class HazardCurve:
     site_name: str = ""  # name in the file, if any
     component: str = ""  # horizontal component, such as RotD50, where known
     source: str = ""  # file that it was read from
-    assumed: str = ""  # sentence on the unit of its levels, where only the measure's name implies it
     years: float | None = None  # investigation time of the file's probabilities; None where it states rates
     # Levels with a stated probability of 1 (unbounded rate) and of 0 (underflow): they have no finite rate, but
     # count where probabilities are averaged over branches.

@@ -146,24 +146,17 @@ def _features(document: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:
         yield from (feature for feature in document["features"] if isinstance(feature, dict))
     elif document.get("type") == "Feature":
         yield document
-    elif "coordinates" in document or "geometries" in document:
+    elif "coordinates" in document:
         yield {"geometry": document}
 
 
 def _lines(geometry: Any) -> Iterator[Sequence[Any]]:
-    """Coordinates of a geometry's lines: traces, and the outlines of polygons."""
-    if not isinstance(geometry, dict):
-        return
-    kind, coordinates = geometry.get("type"), geometry.get("coordinates")
-    if kind == "GeometryCollection":
-        for part in geometry.get("geometries") or ():
-            yield from _lines(part)
-    elif kind == "LineString":
-        yield coordinates or ()
-    elif kind in ("MultiLineString", "Polygon"):
-        yield from coordinates or ()
-    elif kind == "MultiPolygon":
-        yield from (ring for polygon in coordinates or () for ring in polygon)
+    """Coordinates of a geometry's lines."""
+    kind = geometry.get("type") if isinstance(geometry, dict) else None
+    if kind == "LineString":
+        yield geometry.get("coordinates") or ()
+    elif kind == "MultiLineString":
+        yield from geometry.get("coordinates") or ()
 
 
 def _projected(line: Any, site: tuple[float, float], path: Path, number: int) -> Array:

@@ -9,7 +9,7 @@ from refusals import refused
 
 from toppling.models.errors import InputError
 from toppling.models.files import stores as module
-from toppling.models.files.stores import CLAIM, Copy, Store, at_hand, azure_arguments
+from toppling.models.files.stores import CLAIM, Copy, Store, at_hand
 
 
 @pytest.fixture
@@ -88,22 +88,6 @@ def test_a_bucket_that_is_not_there_is_told(bucket, tmp_path):
     (tmp_path / "run" / "run.json").write_text("{}")
     with refused("store.no_answer"):
         copy.push()
-
-
-def test_a_connection_string_of_azure_names_account_key_and_server():
-    said = "DefaultEndpointsProtocol=http;AccountName=a;AccountKey=k==;BlobEndpoint=http://127.0.0.1:10000/a;"
-    server = {f"{kind}_storage_authority": "127.0.0.1:10000" for kind in ("blob", "dfs")}
-    schemes = {f"{kind}_storage_scheme": "http" for kind in ("blob", "dfs")}
-    assert azure_arguments(said) == {"account_name": "a", "account_key": "k=="} | server | schemes
-
-
-@pytest.mark.parametrize("said", ["nonsense", "AccountName=;AccountKey=k"])
-def test_a_connection_string_without_account_is_refused_by_the_name_of_its_variable(
-    said, monkeypatch, tmp_path
-):
-    monkeypatch.setenv("AZURE_STORAGE_CONNECTION_STRING", said)
-    with refused("store.no_answer", "account name", "AZURE_STORAGE_CONNECTION_STRING"):
-        Copy("az://container/run", tmp_path / "run")
 
 
 def test_a_kind_of_store_without_its_package_is_told(tmp_path):

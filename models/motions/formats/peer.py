@@ -6,7 +6,7 @@ from pathlib import Path
 
 from toppling.models.files.table import is_numeral
 from toppling.models.motions.formats.component import Component, bearing, code_direction
-from toppling.models.motions.formats.record_text import Counted, RecordText
+from toppling.models.motions.formats.record_text import RecordText
 from toppling.models.motions.formats.units import acceleration_m_s2
 
 NAME = "PEER AT2"
@@ -51,12 +51,7 @@ def read(file: RecordText) -> list[Component]:
     numbers = next((n for n in range(at + 1, min(at + 3, len(lines))) if _numbers_of(lines[n])), at + 1)
     count, step = _count_and_step(file, numbers)
     first = numbers + 1
-    if count is None:
-        values = file.numbers(first)
-        warning = f"{file.path.name}: no NPTS, all {len(values)} samples that follow are read"
-        found = Counted(values, warnings=(warning,))
-    else:
-        found = file.counted(numbers, count, first)
+    found = file.counted(numbers, count, first)
     event, station, label = _title(lines[top + 1] if at > top + 1 else lines[top])
     return [
         file.channel(
@@ -89,15 +84,15 @@ def _numbers_of(line: str) -> tuple[str | None, str | None] | None:
     return (count and count[1], step and step[1]) if count or step else None
 
 
-def _count_and_step(file: RecordText, at: int) -> tuple[int | None, float]:
+def _count_and_step(file: RecordText, at: int) -> tuple[int, float]:
     count, step = _numbers_of(file.lines[at]) or (None, None)
     number = (step or "").upper().replace("D", "E").replace(",", ".")
-    if not is_numeral(number):
-        what = f"{file.lines[at].strip()[:60]!r} has no readable time step"
+    if count is None or not is_numeral(number):
+        what = f"{file.lines[at].strip()[:60]!r} has no readable count and time step"
         remedy = "write NPTS and DT into this line, or fetch the file again"
         file.refuse("record.header_unreadable", at, what, "a line such as 'NPTS=  5437, DT= .0050 SEC'",
             remedy)  # fmt: skip
-    return (None if count is None else int(count)), file.positive(at, float(number), "time step")
+    return int(count), file.positive(at, float(number), "time step")
 
 
 def _title(line: str) -> tuple[str, str, str]:

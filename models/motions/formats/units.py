@@ -42,11 +42,6 @@ UNITS_S = {
 _FACTORS = (1e-15, 1e6)
 """Range of one count in a unit: the least is below that of any digitiser."""
 _FACTOR = re.compile(r"([-+]?(?:\d{1,30}\.?\d{0,30}|\.\d{1,30})(?:[Ee][-+]?\d{1,3})?)\s+(\S.*)$", re.ASCII)
-_POWER = re.compile(
-    r"[x\u00d7*]?\s*1(?:e([-+]\d{1,2})\b|0(?:"
-    r"(?:\^|\*\*)\(?([-+]?\d{1,2})\)?|([-+]\d{1,2})|([\u207a\u207b]?[\u2070\u00b9\u00b2\u00b3\u2074-\u2079]+)))\s*"
-)
-"""A power of ten before a unit: 10^-2 m/s2, x10**-3 g, \u00d710\u207b\u00b3 g, 1e-3 g; 100 m/s2 begins with none."""
 _PER_COUNT = re.compile(r"\s*(?:\bper|/)\s*counts?$", re.IGNORECASE)
 _DESCRIBED = re.compile(r"\s+-\s+[A-Za-z].*$", re.DOTALL)
 """A description behind a name: 'M/S**2 - Acceleration in Meters Per Second Per Second'."""
@@ -104,15 +99,12 @@ def counted_unit(text: str) -> Unit | None:
 
     Examples
     --------
-    >>> counted_unit("10^-2 m/s2"), counted_unit("4.7e-06 m/s2/count"), counted_unit("furlongs")
-    (Unit(quantity='acceleration', factor=0.01), Unit(quantity='acceleration', factor=4.7e-06), None)
+    >>> counted_unit("4.7e-06 m/s2/count"), counted_unit("furlongs")
+    (Unit(quantity='acceleration', factor=4.7e-06), None)
     >>> counted_unit("100 gal")
     Unit(quantity='acceleration', factor=1.0)
     """
     name = _PER_COUNT.sub("", text.strip()[:LONGEST_NAME])
-    if power := _POWER.match(name):
-        exponent = next(filter(None, power.groups()))
-        name = f"1e{unicodedata.normalize('NFKC', exponent).replace(chr(0x2212), '-')} {name[power.end() :]}"
     match = _FACTOR.match(name)
     factor, name = (float(match[1]), match[2]) if match else (1.0, name)
     if (unit := unit_of(name)) is None or not _FACTORS[0] <= factor <= _FACTORS[1]:

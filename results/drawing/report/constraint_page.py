@@ -26,7 +26,6 @@ from toppling.results.drawing.sentences import (
     ages_words,
     answer,
     by_site_and_measure,
-    fragility_words,
     rate_words,
     share_words,
     what_it_rests_on,
@@ -39,7 +38,6 @@ from toppling.results.drawing.style import (
     printed_unit,
     save,
     short_name,
-    within,
 )
 from toppling.results.drawing.templates import Block, Document, rendered
 from toppling.results.hazard.update import Update, write_openquake
@@ -128,7 +126,6 @@ def constraint_page(statement: dict[str, Any], drawings: Sequence[Drawing]) -> s
         "Branches": branches_table(statement, document),
         "Ground-motion models": _models(statement, document),
         "Inconsistent rates": shown.get("Inconsistent rates", ()),
-        "Rocks": _rocks(statement, document),
         "What this rests on": others,
     }
     rocks = [rock["name"] for rock in statement["rocks"]]
@@ -215,8 +212,7 @@ def branches_table(statement: dict[str, Any], document: Document) -> list[Block]
         f"be multiplied for survival to stay above {100 * (1 - statement['confidence']):.3g} %; 95 % intervals in "
         "brackets."
     )
-    assumed = statement.get("hazard", {}).get("assumed", ())
-    return [document.table(table, " ".join([caption, *more, *assumed]))]
+    return [document.table(table, " ".join([caption, *more]))]
 
 
 def _percent(share: float | None) -> str:
@@ -234,34 +230,6 @@ def _models(statement: dict[str, Any], document: Document) -> list[Block]:
         "Ground-motion models by all rocks together: survival, weights, and Bayes factor over their average."
     )
     return [document.table(_picked(statement["models"], names), caption)]
-
-
-def _rocks(statement: dict[str, Any], document: Document) -> list[Block]:
-    measure = statement["measure"]
-    rows = [{**rock, "words": fragility_words(rock, measure)} for rock in statement["rocks"]]
-    names = {
-        "name": "rock", "words": "fragility", "site": "site", "jobs": "jobs", "toppled": "toppled",
-        "records": "records",
-    }  # fmt: skip
-    over = " and ".join(map(short_name, measure.split("+")))
-    rests = (
-        "its site among those of the events, and what it rests on"
-        if "events" in statement
-        else "and what it rests on"
-    )
-    found = [document.table(_picked(rows, names), f"Fragility over {over} of each rock, {rests}.")]
-    if site := statement.get("random_rock"):
-        found.append(
-            f"One fragility of the site, of a rock drawn at random from among those like them: median "
-            f"{within(site['median'], site['beyond'])} {printed_unit(measure)}, beta {digits(site['beta'])}, of which "
-            f"{digits(site['beta_within'])} within a rock and {digits(site['beta_between'])} between rocks "
-            "(random_rock.json)."
-        )
-    if firsts := {row["left_out"]: row for row in statement.get("left_out", ())}:
-        names = {"left_out": "left out", "survival_predicted": "survival that the others predict (%)"}
-        caption = "Each rock's survival as the branches predict it once the other rocks have weighted them."
-        found.append(document.table(_picked(list(firsts.values()), names), caption))
-    return found
 
 
 _TABLES = ("branches", "updated", "changes")

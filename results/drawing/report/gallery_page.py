@@ -15,7 +15,7 @@ from toppling.results.analysis.resampling import narrowed_by
 from toppling.results.analysis.side_by_side import RockResults, Shared
 from toppling.results.drawing.roses import wind_of
 from toppling.results.drawing.sentences import interval_words
-from toppling.results.drawing.side_by_side_figures import fragilities_figure, places_figure, thumbnail
+from toppling.results.drawing.side_by_side_figures import fragilities_figure, thumbnail
 from toppling.results.drawing.style import png_bytes, printed_unit, short_name, within
 from toppling.results.drawing.templates import Block, Document, block, rendered
 from toppling.results.reader import Run
@@ -66,12 +66,6 @@ def gallery_page(
         "Right: the intensity at which half of the shakings topple each, with its 95 % interval over records and bases."
     )
     first.append(document.figure(lambda width: fragilities_figure(rocks, measure, width), caption))
-    if placed := [rock for rock in rocks if rock.place]:
-        caption = (
-            f"Where {len(placed)} of {len(rocks)} rocks stand, coloured by the {short_name(measure)} at which half of "
-            "the shakings topple them; crosses have no fragility."
-        )
-        first.append(document.figure(lambda width: places_figure(rocks, measure, width), caption))
     frame = pd.DataFrame([rock.row for rock in rocks])[list(_COLUMNS)].rename(columns=_COLUMNS)
     numbers = f"Fragility over {short_name(measure)} ({printed_unit(measure)}) and statics of each rock."
     table = document.table(frame.dropna(axis="columns", how="all"), numbers)

@@ -1,10 +1,8 @@
 """The first page: the answer, its picture with the parts of its interval, and what would change it."""
 
-import math
 from collections.abc import Iterator
 from typing import Any
 
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -22,7 +20,6 @@ from toppling.results.drawing.sentences import other_records, share_words, what_
 from toppling.results.drawing.side_by_side_figures import thumbnail
 from toppling.results.drawing.style import (
     ALARM_COLOUR,
-    FULL_WIDTH_IN,
     MAIN_COLOUR,
     digits,
     measure_label,
@@ -140,33 +137,23 @@ def _caption(content: Content) -> str:
     return (
         f"Toppling probability of {rock} over {name} ({contact.words}). Dots: share of shakings that topple it, with "
         "95 % intervals by record; curve: lognormal fit, with its 95 % band; dashed: one case in two; hatched: what "
-        "the standing rock rejects for a single event. Bars: interval of the median, and of each cause alone."
+        "the standing rock rejects for a single event."
     )
 
 
 def _headline_figure(content: Content, width_in: float) -> Figure:
-    """The curve beside the parts of its median's interval, or shares by level where there is no curve."""
+    """The curve, or shares by level where there is no curve."""
     contact = content.chief
-    curve = contact.headline
-    parts = bool(curve and curve.median_interval and not curve.is_beyond_shaken)
-    wide = width_in >= FULL_WIDTH_IN
     with style():
-        figure = Figure(figsize=(width_in, 3.0 if wide else 3.0 + 1.7 * parts), layout="constrained")
-        if not parts:
-            axes = figure.subplots()
-        elif wide:
-            axes, right = figure.subplots(1, 2, width_ratios=(3, 2))
-        else:
-            axes, right = figure.subplots(2, 1, height_ratios=(2, 1))
-        if curve is None:
-            observed = observed_fractions(contact.known, "level_pga_m_s2")
-            draw_fractions(axes, observed, "value", "probability", fmt="o", ms=3, lw=0.8, color=MAIN_COLOUR)
-            axes.set(xlabel=measure_label("level_pga_m_s2"), ylabel="share toppled", ylim=(0, 1))
-            axes.set_title(f"{contact.toppled} of {len(contact.known):,} shakings topple it")
+        figure = Figure(figsize=(width_in, 3.0), layout="constrained")
+        axes = figure.subplots()
+        if contact.headline is not None:
+            _draw_headline(axes, content, contact.headline)
             return figure
-        _draw_headline(axes, content, curve)
-        if parts:
-            _draw_parts(right, curve)
+        observed = observed_fractions(contact.known, "level_pga_m_s2")
+        draw_fractions(axes, observed, "value", "probability", fmt="o", ms=3, lw=0.8, color=MAIN_COLOUR)
+        axes.set(xlabel=measure_label("level_pga_m_s2"), ylabel="share toppled", ylim=(0, 1))
+        axes.set_title(f"{contact.toppled} of {len(contact.known):,} shakings topple it")
     return figure
 
 
@@ -190,26 +177,3 @@ def _draw_headline(axes: Axes, content: Content, curve: Lognormal) -> None:
     at = "" if curve.is_beyond_shaken else "at "
     median = within(curve.median, *curve.shaken)
     axes.set_title(f"one in two topples {at}{median} {printed_unit(curve.measure)}")
-
-
-def _draw_parts(axes: Axes, curve: Lognormal) -> None:
-    """The median's interval, and as wide as each of its parts alone would make it."""
-    assert curve.median_interval is not None
-    rows = {"all": curve.median_interval}
-    if len(curve.interval_parts) > 1:
-        halves = {name: math.exp(math.asinh(part)) for name, part in curve.interval_parts.items()}
-        rows |= {f"{name} alone": (curve.median / half, curve.median * half) for name, half in halves.items()}
-    for row, ends in enumerate(rows.values()):
-        axes.plot(ends, [-row, -row], color=MAIN_COLOUR if row == 0 else "0.55", lw=3.0)
-        axes.plot(curve.median, -row, "o", color="white", mec=MAIN_COLOUR, ms=5)
-        axes.annotate(
-            f"{ends[0]:.3g} to {ends[1]:.3g}", (curve.median, -row), xytext=(0, 6), textcoords="offset points",
-            ha="center", size=7,
-        )  # fmt: skip
-    axes.set_yticks(-np.arange(len(rows)), list(rows))
-    axes.set(
-        ylim=(-len(rows) + 0.4, 0.6),
-        xlabel=measure_label(curve.measure),
-        title="its 95 % interval, and the parts",
-    )
-    axes.margins(x=0.15)

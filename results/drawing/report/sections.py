@@ -37,7 +37,7 @@ from toppling.results.drawing.style import (
     short_name,
     with_superscripts,
 )
-from toppling.results.drawing.templates import Block, Document, block, sentence
+from toppling.results.drawing.templates import Block, Document, block, rendered, sentence
 from toppling.results.weights import records_weight, sentences
 
 _REFERENCES = (
@@ -60,71 +60,56 @@ def methods_section(content: Content, document: Document) -> list[Block]:  # noq
 
 def methods(content: Content) -> str:
     """Methods of the run, in the past tense, with its own numbers."""
-    remark = content.completeness.remark
-    parts = [f"The ensemble was not completed: {remark}."] if remark else []
-    return " ".join([*parts, _rock(content), _shaking(content), _engine(content), _statistics(content)])
-
-
-def _rock(content: Content) -> str:
-    table = content.run.scene()
-    if table is None:
-        return "The rock and its pedestal were taken as rigid bodies."
-    row = table.to_pylist()[0]
+    run, frame, table = content.run, content.frame, content.run.scene()
+    provenance = run.provenance()
+    versions, cited = provenance.get("versions", {}), provenance.get("engine", {})
     report = content.scene.report if content.scene is not None else {}
-    scanned = ""
-    if stations := report.get("registration", {}).get("stations"):
-        scanned = (
-            f"{stations} laser scans of rock and pedestal were merged, and the rock was separated from its "
-        )
-        scanned += "pedestal and closed; "
-    return (
-        f"{scanned}the rock ({row['volume_m3']:.3g} m³, {row['height_m']:.3g} m high, homogeneous) and its pedestal "
-        f"(interface dipping {row['slope_deg']:.1f}°) were taken as rigid bodies under a gravity of "
-        f"{row['gravity_m_s2']:g} m/s²."
-    )
-
-
-def _shaking(content: Content) -> str:
-    frame = content.frame
-    levels = frame["level_pga_m_s2"]
-    restitution = ", ".join(f"{value:g}" for value in sorted(frame["restitution"].unique()))
-    friction = " and ".join(friction_words(*pair) for pair in frictions(frame))
-    count = frame["realisation"].nunique()
-    several = f", in {count} realisations" if count > 1 else ""
-    return (
-        f"Three-component records ({frame['record_id'].nunique():,}) were scaled to {levels.nunique()} levels of the "
-        f"peak horizontal ground acceleration vector between {levels.min():g} and {levels.max():g} m/s² and rotated to "
-        f"{frame['azimuth_deg'].nunique()} azimuths{several}. Contact followed Coulomb friction "
-        f"(coefficient {friction}) and impacts a coefficient of restitution of {restitution}.{_realisations(content)}"
-    )
-
-
-def _realisations(content: Content) -> str:
-    """What the realisations drew of what nobody measured: base, centre of mass, friction and the campaign's own."""
-    frame, unmeasured = content.frame, content.run.unmeasured()
     drawn = frame[frame["realisation"] > 0]
-    if drawn.empty:
-        return ""
-    scene = content.scene
-    quantities = [_base_drawn(drawn, scene), _friction_drawn(drawn, unmeasured.get("friction"))]
+    weighted_by = ["a hazard deaggregation"] if records_weight(frame) is not None else []
+    weighted_by += [weights.method] if (weights := run.weights()) else []
+    physics = ", ".join(sorted(frame["physics_version"].dropna().astype(str).unique()))
+    engines = sorted(frame["engine"].unique(), reverse=True)
+    text = rendered(
+        "methods.html",
+        remark=content.completeness.remark,
+        scene=table.to_pylist()[0] if table is not None else None,
+        stations=report.get("registration", {}).get("stations"),
+        records=frame["record_id"].nunique(),
+        levels=sorted(frame["level_pga_m_s2"].unique()),
+        azimuths=frame["azimuth_deg"].nunique(),
+        realisations=frame["realisation"].nunique(),
+        friction=" and ".join(friction_words(*pair) for pair in frictions(frame)),
+        restitution=", ".join(f"{value:g}" for value in sorted(frame["restitution"].unique())),
+        nominal=bool((frame["realisation"] == 0).any()),
+        drawn=None if drawn.empty else {
+            "count": drawn["realisation"].nunique(), "quantities": _quantities_drawn(content, drawn)
+        },
+        jobs=len(frame),
+        answered=int(frame["toppled"].notna().sum()),
+        version=versions.get("toppling", version("toppling")),
+        physics=physics or versions.get("physics", "unknown"),
+        presets=", ".join(sorted(frame["preset"].unique())),
+        engines=" and ".join(_engine_words(name, versions, cited) for name in engines),
+        weighted_by=weighted_by,
+        samples=content.samples,
+    )  # fmt: skip
+    return " ".join(text.split())
+
+
+def _quantities_drawn(content: Content, drawn: pd.DataFrame) -> list[str]:
+    """What the realisations drew of what nobody measured: base, centre of mass, friction and the campaign's own."""
+    unmeasured = content.run.unmeasured()
+    found = [_base_drawn(drawn, content.scene), _friction_drawn(drawn, unmeasured.get("friction"))]
     if pair := unmeasured.get("restitution"):
-        quantities.append(f"restitution (uniform, {pair[0]:g} to {pair[1]:g})")
+        found.append(f"restitution (uniform, {pair[0]:g} to {pair[1]:g})")
     if yaw_deg := unmeasured.get("yaw_deg"):
-        quantities.append(
-            f"a turn of the motion about the vertical (uniform, at most {yaw_deg:g}° either way)"
-        )
+        found.append(f"a turn of the motion about the vertical (uniform, at most {yaw_deg:g}° either way)")
     if unmeasured.get("either_sense"):
-        quantities.append("the sense of the motion (reversed in one half)")
+        found.append("the sense of the motion (reversed in one half)")
     if pair := unmeasured.get("above_band"):
-        quantities.append(
-            f"motion in the octave above {unmeasured['band_hz']:g} Hz, {pair[0]:g} to {pair[1]:g} times that in the "
-            "octave below"
-        )
-    count = drawn["realisation"].nunique()
-    nominal = "One realisation was the nominal scene, and " if (frame["realisation"] == 0).any() else ""
-    subject = "each of the" if nominal else "Each of the"
-    others = f"{subject} {count} {'others' if nominal else 'realisations'}" if count > 1 else "the other"
-    return f" {nominal}{others} drew {', '.join(quantities[:-1])} and {quantities[-1]}."
+        above = f"motion in the octave above {unmeasured['band_hz']:g} Hz"
+        found.append(f"{above}, {pair[0]:g} to {pair[1]:g} times that in the octave below")
+    return found
 
 
 def _base_drawn(drawn: pd.DataFrame, scene: Scene | None) -> str:
@@ -149,43 +134,12 @@ def _friction_drawn(drawn: pd.DataFrame, uniform: Sequence[float] | None) -> str
     return f"a factor on friction (lognormal, {100 * FRICTION_SPREAD:g} %{ends})"
 
 
-def _engine(content: Content) -> str:
-    provenance, frame = content.run.provenance(), content.frame
-    versions, cited = provenance.get("versions", {}), provenance.get("engine", {})
-    physics = ", ".join(sorted(frame["physics_version"].dropna().astype(str).unique()))
-    physics = physics or versions.get("physics", "unknown")
-    presets = ", ".join(sorted(frame["preset"].unique()))
-    names = sorted(frame["engine"].unique(), reverse=True)
-    engines = " and ".join(_engine_words(name, versions, cited) for name in names)
-    answered = int(frame["toppled"].notna().sum())
-    return (
-        f"Each of {len(frame):,} combinations was integrated in six degrees of freedom in the frame of the pedestal "
-        f"with toppling {versions.get('toppling', version('toppling'))} (physics version {physics}, preset {presets}) "
-        f"on {engines}, following Veeraraghavan et al. (2017); {answered:,} had an answer. "
-        "A rock counts as toppled once it cannot come back."
-    )
-
-
 def _engine_words(name: str, versions: Mapping[str, str], cited: Mapping[str, str]) -> str:
     """An engine with its version, and its authors where the run states them."""
     number = f" {versions[name]}" if name in versions else ""
     if cited.get("name") != name:
         return f"{name}{number}"
     return f"{cited['title']}{number} ({cited['authors']})"
-
-
-def _statistics(content: Content) -> str:
-    reasons = ["a hazard deaggregation"] if records_weight(content.frame) is not None else []
-    if weights := content.run.weights():
-        reasons.append(weights.method)
-    weighted = f", weighted by {' and by '.join(reasons)}" if reasons else ""
-    return (
-        f"Toppling probabilities are shares of the jobs with an answer{weighted}; their 95 % intervals are Wilson's "
-        "(1927) with the number of distinct records as trials, since scaled and rotated copies of one record are not "
-        "independent. Fragility curves are lognormal, by maximum likelihood (Baker, 2015), with 95 % intervals from "
-        f"{content.samples} bootstrap samples of records and bases. Measures of intensity are ranked by the log loss "
-        "of predictions for records left out of the fit."
-    )
 
 
 def _program(content: Content) -> str:

@@ -8,7 +8,6 @@ from toppling.models.errors import InputError
 from toppling.models.files.given import HEAD_BYTES, bytes_given, open_given, other_kind, text_of
 from toppling.results.hazard.readers import (
     cybershake,
-    nrml,
     nshmp,
     openquake_curves,
     opensha,
@@ -34,13 +33,13 @@ _MOST_FILES = 20_000
 
 _DIALECTS: dict[str, tuple[ModuleType, ...]] = {
     "json": (nshmp,),
-    "xml": (nrml,),
     "text": (opensha, cybershake, openquake_curves, nshmp, text_columns),
 }
 """Modules by the kind of file, in the order in which they are asked `matches(file)`; `read(file)` states what is
 in one. The last of a kind says what is wrong with a file that nobody recognises."""
 
-_SUFFIXES = {".csv", ".txt", ".json", ".xml", ".dat", ".tsv", ""}
+_SUFFIXES = {".csv", ".txt", ".json", ".dat", ".tsv", ""}
+_EXPORT = "export its curves as text: oq export hcurves --export-type csv"
 
 
 def read_hazard(
@@ -101,7 +100,7 @@ def _stated(path: Path, hints: Hints) -> list[Stated]:
         for file, other in others:
             file.refuse("hazard.other_output", *other)
         for datastore in path.glob("*.hdf5"):
-            refuse("file.binary", datastore, "is HDF5, as OpenQuake's datastore is", nrml.EXPORT)
+            refuse("file.binary", datastore, "is HDF5, as OpenQuake's datastore is", _EXPORT)
         refuse("hazard.no_file", path, f"holds no file of hazard among {len(files)} of text",
             "give the folder with the curves")  # fmt: skip
     return found
@@ -110,10 +109,13 @@ def _stated(path: Path, hints: Hints) -> list[Stated]:
 def _text(path: Path) -> str:
     content = bytes_given(path, refused)
     if other := other_kind(content[:HEAD_BYTES]):
-        remedy = nrml.EXPORT if content.startswith(b"\x89HDF") else other[1]
+        remedy = _EXPORT if content.startswith(b"\x89HDF") else other[1]
         refuse("file.binary", path, f"is {other[0]}", remedy)
-    text = text_of(content)
-    return refuse("file.not_text", path, "is no text") if text is None else text
+    if (text := text_of(content)) is None:
+        refuse("file.not_text", path, "is no text")
+    if text.lstrip().startswith("<"):
+        refuse("hazard.other_output", path, "is XML, as OpenQuake's NRML is, or a web page", _EXPORT)
+    return text
 
 
 def _beginning(path: Path) -> HazardFile | None:

@@ -22,7 +22,7 @@ from toppling.results.hazard.tree import Branch, HazardTree
 
 _EXPECTED = (
     "CSV with the columns MEASURE,annual_rate or MEASURE,return_period or MEASURE,probability_50_years (MEASURE: "
-    "pga_m_s2, pgv_m_s ..., PGA in g, PGV in cm/s, or with its unit, PGA (m/s2)); or curves of OpenQuake "
+    "pga_m_s2, pgv_m_s ..., or with its unit, PGA (g), PGV (cm/s)); or curves of OpenQuake "
     "(hazard_curve, quantile_curve, realizations), nshmp-haz (curves.csv), CyberShake or OpenSHA, as they wrote them"
 )
 HEAD_LINES = 30
@@ -58,11 +58,8 @@ class HazardFile:
 
     @property
     def kind(self) -> str:
-        """By its first sign, or its name: json, xml or text."""
-        first = self.text.lstrip()[:1]
-        if first in ("{", "[") or self.path.suffix == ".json":
-            return "json"
-        return "xml" if first == "<" else "text"
+        """By its first sign, or its name: json or text."""
+        return "json" if self.text.lstrip()[:1] in ("{", "[") or self.path.suffix == ".json" else "text"
 
     @cached_property
     def lines(self) -> list[str]:

@@ -436,32 +436,17 @@ def _cybershake(table: Table, companions: list[Table], ratio: float, *_: object)
     return _of_rows(wide.rename(columns={"Site_Name": SITE}), factors, table, tuple(notes), places)
 
 
-_STRONG = 0.9
-"""Share of motions below the one by which a unit is judged: single ones of a simulation may be of any strength."""
-_MOST_STRONG_G = 3.0
-"""Motion of that share beyond which it is not in g."""
-
-
 def _plain(table: Table, companions: list[Table], ratio: float, *_: object) -> EventSet:  # noqa: ARG001
     rows = table.frame()
     factors = _measure_factors(table, "", measure_with_unit, ratio)
-    bare: list[str] = []
-    for name, (column, _factor) in factors.items():
-        if column.endswith("_m_s2") and measure_of(name):
-            strong = float(pd.to_numeric(rows[name], errors="coerce").quantile(_STRONG))
-            if strong > _MOST_STRONG_G:
-                what = (
-                    f"the column {name!r} names no unit, which is g then, and a tenth of its motions exceed"
-                )
-                raise event_error(
-                    "events.unit_missing", f"{what} {strong:.3g}: name it, such as {name} (m/s2)", table.path
-                )
-            bare.append(f"{name} names no unit, and is taken to be in g: {strong:.3g} g in a strong event")
+    if bare := next(filter(measure_of, factors), None):
+        what = f"the column {bare!r} names no unit: name it, such as {bare} (g), {bare} (cm/s), or pga_m_s2"
+        raise event_error("events.unit_missing", what, table.path)
     if EVENT not in rows:
         rows[EVENT] = np.arange(len(rows))
     if SITE not in rows:
         rows[SITE] = "site"
-    return _of_rows(rows, factors, table, tuple(bare))
+    return _of_rows(rows, factors, table, ())
 
 
 def _of_rows(

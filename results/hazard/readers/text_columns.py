@@ -3,16 +3,12 @@
 import math
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from functools import partial
-from math import isclose
 from operator import mul
 
 from toppling.models.files.given import LONGEST_NAME
 from toppling.models.files.table import is_numeral
-from toppling.models.motions.formats.units import unit_of
-from toppling.results.hazard.curves import HazardCurve, intensity_at
-from toppling.results.hazard.measure_names import measure_of, measure_with_unit, quantity_of
+from toppling.results.hazard.measure_names import measure_of, measure_with_unit
 from toppling.results.hazard.readers.assembly import HazardFile, Statement
 
 _OF_EXCEEDANCE = "(?: of exceedance)?"
@@ -78,20 +74,6 @@ def values_of(file: HazardFile, name: str) -> tuple[float, Callable[[float], flo
     return file.years_of_values(stated, lacks, f"{remedy}, or give --values"), convert
 
 
-_COMMENTS = ("#", "%", "//")
-_STATED_UNIT = re.compile(
-    r"(?:\bin |\bunits?\b ?(?:is |are |of |in |[:=])? ?|[(\[=])\s*([a-z%][a-z0-9%/^*²-]*(?: s\^?-2)?)"
-)
-_MOST_G = 10.0
-"""Largest level of a curve beyond which it is not in g."""
-_LEAST_CM_S = 5.0
-"""Largest level of a curve below which it is not in cm/s."""
-_RETURN_YEARS = 475.0
-"""Return period at which a curve is compared with published hazard."""
-_MOST_G_ONCE = {"pga": 2.0, "sa": 5.0}
-"""No published hazard is as strong once in so many years."""
-
-
 def matches(file: HazardFile) -> bool:
     """Whether a file of a folder begins with a header that names a measure and what its values are."""
     header = file.table.names
@@ -107,16 +89,15 @@ def read(file: HazardFile) -> list[Statement]:
     header = file.table.names
     levels, values = _columns(file, header)
     column, factor = measure_with_unit(header[levels]) or ("", 0.0)
+    if measure_of(header[levels]):
+        file.refuse("hazard.unit_missing", f"names no unit of {header[levels]}",
+            f"name it in the column, such as {header[levels]} (g) or (cm/s), or pga_m_s2")  # fmt: skip
     years, rate_of = values_of(file, header[values])
     endless = rate_of(math.inf) == 0.0  # a return period
     rows = file.wanted_rows(file.rows, header, None)
     x = [file.number(line, row[levels]) * factor for line, row in rows]
     y = [rate_of(file.number(line, row[values], endless=endless)) for line, row in rows]
-    curve = file.curve(column, x, y, years)
-    if measure_of(header[levels]):
-        above = [line for line in file.lines if line.startswith(_COMMENTS)]
-        curve = with_usual_unit(file, header[levels], curve, " ".join(above).lower())
-    return [Statement(curve)]
+    return [Statement(file.curve(column, x, y, years))]
 
 
 def _columns(file: HazardFile, header: Sequence[str]) -> tuple[int, int]:
@@ -144,39 +125,3 @@ def _columns(file: HazardFile, header: Sequence[str]) -> tuple[int, int]:
         file.refuse("hazard.columns_unknown", f"has the columns {named}",
             "give one measure and one column of its values")  # fmt: skip
     return measures[0], values[0]
-
-
-def with_usual_unit(file: HazardFile, name: str, curve: HazardCurve, before: str) -> HazardCurve:
-    """Curve whose levels stand under a bare name, with what that was taken to mean.
-
-    before: the lines above, in lower case.
-    Raises InputError if their unit is another by the lines above, by their size, or by the hazard that they would be:
-    with the one that may be meant.
-    """
-    quantity = quantity_of(curve.measure)
-    if quantity != "acceleration" and curve.measure != "pgv_m_s":
-        return curve
-    factor = (measure_of(name) or ("", 1.0))[1]
-    found = {text: unit_of(text) for text in _STATED_UNIT.findall(before)}
-    stated = {text: unit for text, unit in found.items() if unit and unit.quantity == quantity}
-    other = [text for text, unit in stated.items() if not isclose(unit.factor, factor)]
-    own, most = ("g", _MOST_G) if quantity == "acceleration" else ("cm/s", math.inf)
-    most_once = _MOST_G_ONCE["pga" if curve.measure == "pga_m_s2" else "sa"] if own == "g" else math.inf
-    largest = max(curve.levels, default=0.0) / factor
-    once = intensity_at(curve.intensity, curve.annual_rate, 1.0 / _RETURN_YEARS) / factor
-    why = ""
-    if other:
-        why = f"the lines above say {other[0]!r}"
-    elif largest > most or (own == "cm/s" and 0 < largest < _LEAST_CM_S):
-        why = f"its levels reach {largest:g}"
-    elif once > most_once:
-        why = f"{once:.3g} would be exceeded once in {_RETURN_YEARS:g} years"
-    if why:
-        meant = other[0] if other else "cm/s2" if largest > most else "m/s2" if own == "g" else "m/s"
-        file.refuse("hazard.unit_missing", f"names no unit of {name}, which is {own} then, and {why}",
-            f"name the unit in the column of a table, such as {name} ({meant})")  # fmt: skip
-    if stated:
-        return curve
-    size = f": {once:.3g} {own} once in {_RETURN_YEARS:g} years" if math.isfinite(once) else ""
-    assumed = f"{file.path.name} names no unit of {name}, which is taken to be {own}{size}."
-    return replace(curve, assumed=assumed)

@@ -72,7 +72,7 @@ DIRECTIONS = [
     ("East-West", "North-South", "Vertical"), ("东西", "南北", "竖向"),
 ]  # fmt: skip
 UNITS = {"m/s2": 1.0, "m/s^2": 1.0, "m/s/s": 1.0, "cm/s²": 0.01, "Gal": 0.01, "g": 9.80665}
-FACTORS = {"10^-2 m/s2": 0.01, "×10⁻³ g": 9.80665e-3, "2e-3 g": 0.0196133}
+FACTORS = {"0.01 m/s2": 0.01, "2e-3 g": 0.0196133}
 SAID = {
     "({})": "", "[{}]": "", "in {}": "", "above": "# units: {}\n", "as a field": "# field_unit: UTC, {}\n",
     "in Spanish": "# Unidades = {}\n", "beside a scale": "# full scale 4 g; units: {}\n", "below": "", "first": "",

@@ -22,7 +22,7 @@ from toppling.orchestrator.run_folder import prepare
 from toppling.orchestrator.task import lost_row
 from toppling.results.analysis.side_by_side import ARROW_M, compare_rocks, directions_geojson, geojson
 from toppling.results.drawing.report.gallery_page import summary
-from toppling.results.drawing.side_by_side_figures import places_figure
+from toppling.results.drawing.side_by_side_figures import scenarios_figure
 from toppling.results.reader import open_run
 from toppling.results.store import write_part
 
@@ -151,11 +151,13 @@ def test_a_place_is_that_of_the_table_or_of_the_scans_coordinate_system(compared
     assert json.dumps(told, allow_nan=False)
 
 
-def test_the_map_holds_every_rock_also_one_far_from_the_others(compared):
+def test_the_map_of_scenarios_holds_every_rock_also_one_far_from_the_others():
     places = [(-117.5 + 0.01 * number, 34.1) for number in range(6)] + [(-118.9, 34.9)]
-    (axes, *_) = places_figure([replace(compared[0][0], place=place) for place in places], "pga_m_s2").axes
+    rows = pd.DataFrame(places, columns=["longitude", "latitude"]).assign(outcome="toppled")
+    rows["rock"] = rows.index.astype(str)
+    matrix = pd.DataFrame({"quake": 1.0}, index=rows["rock"])
     for place in places:
-        assert axes.viewLim.contains(*place)
+        assert scenarios_figure(rows, matrix).axes[1].viewLim.contains(*place)
 
 
 def test_directions_of_toppling_are_lines_of_the_lengths_and_bearings_that_they_state(compared):

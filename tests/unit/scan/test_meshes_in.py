@@ -169,7 +169,8 @@ COUNTED = "v 0 0 0\nv 1 0 0\nv 10 0 1\nv 0 1 0\nvt 0 0\nf 1 2 3\n"
         (turned_over, "mesh.faces_downward"),
         (gltf(('"scene":', '"extensionsRequired": ["KHR_draco_mesh_compression"], "scene":')), "mesh.variant_unknown"),
         (gltf(('"type":"VEC3"', '"normalized": true, "type":"VEC3"')), "mesh.variant_unknown"),
-        *((obj(f"{COUNTED}{face}\n"), "mesh.index_out_of_range") for face in ("f 0 1 2", "f 1/1 0/0 2/2", "f 1 2 0")),
+        *((obj(f"{COUNTED}{face}\n"), "mesh.index_out_of_range")
+          for face in ("f 0 1 2", "f 1/1 0/0 2/2", "f 1 2 0", "f -1 -2 -3", "f 1//-1 2 3")),
         (lambda _: of_user("EPSG:4326"), "coordinates.in_degrees"),
         (lambda _: of_user("EPSG:1"), "coordinates.crs_unknown"),
         (lambda _: of_user("Utah"), "coordinates.crs_unknown"),

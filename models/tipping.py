@@ -111,7 +111,7 @@ def _path(body: GroundedBody, azimuth_deg: float, touching_share: float) -> tupl
                 continue
         corrections = 0
         most = tips_m_s2(touching["arm_m"], touching["normal"], size_m, load, push)
-        if most is not None or len(touching):
+        if len(touching):
             held = _balanced_m_s2(touching, load, push) if most is None else most
         rests = rolls or most is not None
         beyond = abs(start[3:] @ pose[3:]) < _TIPPED_COSINE or np.linalg.norm(pose[:3] - start[:3]) > size_m

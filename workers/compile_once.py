@@ -28,7 +28,7 @@ def ensure_compiled(use_everything: Callable[[], object]) -> None:
         with contextlib.suppress(OSError):  # a file system without locks: two processes may do it twice
             fcntl.flock(lock, fcntl.LOCK_EX)
         if not _is_compiled():
-            sys.stderr.write("compiling for this machine, once: about half a minute\n")
+            sys.stderr.write("compiling for this machine, once: about a minute\n")
             with _rare_collections():
                 use_everything()
             (FOLDER / COMPLETE).touch()

@@ -14,6 +14,7 @@ from toppling.models.caching import cached
 from toppling.models.compiled import Flags
 from toppling.models.errors import InputError
 from toppling.models.ground.body import GROUND_REACH, RESTING_SHARE
+from toppling.models.ground.equilibrium import STILL
 from toppling.models.ground.points import ContactModel, contact_of
 from toppling.models.motions.motion import Motion
 from toppling.models.relief import height_below
@@ -179,6 +180,9 @@ def _tipping_ratio(scene: Scene) -> float:
 _LONGEST_STEP_SHARE = 1 / 16
 """Steps longer than this share of sqrt(R / g) do not resolve a rocking rock."""
 
+_SHORTEST_STEP_SHARE = 1e4 * STILL
+"""In shorter ones a ten-thousandth of gravity moves a rock by less than what counts as at rest."""
+
 _FAST_HZ = (15.0, 50.0)
 """Steps follow motions faster than the first, and none faster than the second."""
 
@@ -192,7 +196,7 @@ _STEPS_PER_PERIOD = 12.0
 def time_step_s(scene: Scene, motion: Motion, options: NumericalOptions, asked_s: float | None) -> float:
     """The step that is asked for, or that of the options and the motion.
 
-    Raises InputError if the one asked for does not resolve a rock of this size.
+    Raises InputError if the one asked for does not resolve a rock of this size, or what moves it.
     """
     half_diagonal_m, gravity_m_s2 = scene.rock.half_diagonal_m, scene.gravity_m_s2
     if asked_s is None:
@@ -206,13 +210,14 @@ def time_step_s(scene: Scene, motion: Motion, options: NumericalOptions, asked_s
             if fast_hz > _FAST_HZ[0]
             else step_s
         )
-    longest_s = _LONGEST_STEP_SHARE * np.sqrt(half_diagonal_m / gravity_m_s2)
-    if not 0.0 < asked_s <= longest_s:
+    unit_s = np.sqrt(half_diagonal_m / gravity_m_s2)
+    shortest_s, longest_s = _SHORTEST_STEP_SHARE * unit_s, _LONGEST_STEP_SHARE * unit_s
+    if not shortest_s <= asked_s <= longest_s:
         raise InputError(
             "shake.step_out_of_range",
             f"time_step is {asked_s} s",
             where="shake",
-            expected=f"a positive number up to {longest_s:.4g} s for a rock of this size",
+            expected=f"a number from {shortest_s:.4g} to {longest_s:.4g} s for a rock of this size",
             remedy="leave it out: the preset chooses one",
         )
     return float(asked_s)

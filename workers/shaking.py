@@ -362,7 +362,7 @@ def _check_kinds(scene: object, motion: object) -> None:
 
 
 def compile_once() -> None:
-    """Compile what a shake needs for this machine, unless that was done: about half a minute, or nothing."""
+    """Compile what a shake needs for this machine, unless that was done: about a minute, or nothing."""
     ensure_compiled(_use_everything)
 
 

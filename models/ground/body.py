@@ -58,6 +58,9 @@ _NO_SLOPE = 1e-8
 
 _NUDGE_RAD = 1e-3
 
+_OF_POINT, _OF_EDGES = 0, 2
+"""Kinds of contacts in their keys: of a point, and of an edge, of the rock that stand out."""
+
 _ROLLS, _ROLLED_DEG = 8, 0.5
 """Number of directions, and the angle, in which a rounded base may roll until the rock stands."""
 
@@ -214,11 +217,13 @@ class GroundedBody:
     def resting_pose(self) -> Array:
         """The pose in which the rock stands: that of the scene if its contacts hold it, else let down from it.
 
-        One on smooth contacts alone may be balanced: it is turned a little, and rolls back or falls.
+        One that touches with its smooth surface, and with no point or edge beside it, may be balanced: it is turned a
+        little, and rolls back or falls.
         """
         pose = self.touching(self.pose)
         near = self.contacts(pose, RESTING_SHARE * self.size_m)
-        if self.hold(near, self.load_m_s2()[None])[0] and near["key"].min() < FIRST_KEY:
+        own = np.isin(near["key"] >> 60, (_OF_POINT, _OF_EDGES))
+        if self.hold(near, self.load_m_s2()[None])[0] and (own.any() or not self.rolls_on_facets):
             return pose
         if self.rolls_on_facets:
             nudged = Rotation.from_rotvec([_NUDGE_RAD, 0.0, 0.0]) * Rotation.from_quat(pose[3:])

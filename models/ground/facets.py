@@ -1,9 +1,9 @@
-"""Contacts of a rounded base with the facets of the ground, and with the edges between them that stand out.
+"""Contacts of a rounded base with the facets of the ground, and with the edges and points of these that stand out.
 
 The base is farthest along a normal at one place (:mod:`models.ground.rolling`). With a facet it touches there, where
-that place lies over the facet. An edge it touches where the way from the edge to the place is along the normal: of the
-normals between those of the facets beside it there is one, if the base is over neither facet. So every place of a
-convex base is found once, and goes from facet to edge to facet as the rock rolls. Compiled.
+that place lies over the facet. An edge or a point it touches where the way from there to the place is along the normal,
+if that lies between those of the facets beside it. So every place of a convex base is found once, and goes on from
+feature to feature as the rock rolls, always on one surface: a step to another would give or take energy. Compiled.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from toppling.models.ground.contacts import add
 from toppling.models.ground.grid import cell_of
 from toppling.models.ground.mesh import ContactMesh, normals_at_edges, sides_at_edges
 from toppling.models.ground.pairs import moved_m
-from toppling.models.ground.rigid import copy, dot, minus, plus, rotation_of, turned, turned_back
+from toppling.models.ground.rigid import copy, dot, minus, plus, rotation_of, square, turned, turned_back
 from toppling.models.ground.rolling import (
     FIRST_KEY,
     NO_ROLLING,
@@ -33,22 +33,23 @@ _ONE_FACET = 1e-6
 """Sine of the angle between two triangles up to which they are one facet."""
 
 _ROUNDS = 60
-"""Maximum number of rounds in which the normal at an edge is found."""
+"""Maximum number of rounds in which the normal at an edge or a point is found."""
 
 _CENTRED = 1e-10
-"""Tolerance over the rock's size on the distance of the contact from the edge."""
+"""Tolerance over the rock's size on the distance of the contact from the edge or the point, across the normal."""
 
 _BESIDE = 1e-9
 """Share of a side by which a place may lie beside a triangle, or beyond an edge's end: it belongs to both beside."""
 
 
 class Facets(NamedTuple):
-    """A rounded base over ground of facets; no parts where a rock has none. Rows of features: facets, then edges."""
+    """A rounded base over ground of facets; no parts where a rock has none. Features: facets, points, then edges."""
 
     surface: RollingSurface
     facet_of: Indices  # (m,): of the ground's triangles
     normals: Array  # (f, 3): of facets; of the first facet beside an edge
     places: Array  # (f, 3): of each
+    radii_m: Array  # (f,): of facets around these
     ways: Array  # (e, 3): along edges
     across: Array  # (e, 3): from the first facet outward over an edge, square to it and the normal
     turns: Array  # (e,): to the normal of the second facet, rad
@@ -60,26 +61,29 @@ class Facets(NamedTuple):
 
 
 NO_FACETS = Facets(
-    NO_ROLLING, np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)),
-    np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0, 4), np.int64), np.zeros((0, 0)), np.zeros(7), np.zeros(2),
+    NO_ROLLING, np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 3)),
+    np.zeros((0, 3)), np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0, 4), np.int64), np.zeros((0, 0)), np.zeros(7),
+    np.zeros(2),
 )  # fmt: skip
 """Facets of a rock that touches with its triangles alone."""
 
 
 def facets_below(surface: RollingSurface, ground: ContactMesh) -> Facets:
     """A rounded base, in body axes, over the facets of its ground."""
-    facet_of, normals, places = _facets(ground)
+    facet_of, normals, places, radii_m = _facets(ground)
     at_edges = normals_at_edges(ground)
     across = -ground.inward[:, 0]
     bounds = (ground.inward[:, 0] == ground.inward[:, 1]).all(axis=1)
     turns = np.arctan2((at_edges[:, 1] * across).sum(axis=1), (at_edges[:, 1] * at_edges[:, 0]).sum(axis=1))
     start, end = ground.vertices_m[ground.edges[:, 0]], ground.vertices_m[ground.edges[:, 1]]
-    parts, features = len(surface.lowest), len(normals) + len(start)
+    points_m = ground.vertices_m[ground.points]
+    parts, features = len(surface.lowest), len(normals) + len(points_m) + len(start)
     return Facets(
         surface,
         facet_of,
-        np.vstack([normals, at_edges[:, 0]]),
-        np.vstack([places, start]),
+        np.vstack([normals, np.zeros_like(points_m), at_edges[:, 0]]),
+        np.vstack([places, points_m, start]),
+        np.append(radii_m, np.zeros(features - len(normals))),
         end - start,
         across,
         np.where(bounds, 0.5 * np.pi, turns),
@@ -105,8 +109,8 @@ def not_looked_at(on: Facets) -> Facets:
     )
 
 
-def _facets(ground: ContactMesh) -> tuple[Indices, Array, Array]:
-    """Facet (m,) of each triangle; normals (f, 3) and places (f, 3) of facets."""
+def _facets(ground: ContactMesh) -> tuple[Indices, Array, Array, Array]:
+    """Facet (m,) of each triangle; normals (f, 3), places (f, 3) and radii (f,) around these of facets."""
     sides = sides_at_edges(ground.edge_of, ground.triangles_at_edge)[ground.triangles_at_edge == 2] // 3
     off = np.linalg.norm(np.cross(ground.normals[sides[:, 0]], ground.normals[sides[:, 1]]), axis=1)
     same = (off < _ONE_FACET) & ((ground.normals[sides[:, 0]] * ground.normals[sides[:, 1]]).sum(axis=1) > 0)
@@ -115,7 +119,9 @@ def _facets(ground: ContactMesh) -> tuple[Indices, Array, Array]:
     area = np.linalg.norm(np.cross(at[:, 1] - at[:, 0], at[:, 2] - at[:, 0]), axis=1)
     order = np.lexsort((-area, facet))
     largest = order[np.searchsorted(facet[order], np.arange(facet.max(initial=-1) + 1))]
-    return facet, ground.normals[largest], at[largest, 0]
+    radii_m = np.zeros(len(largest))
+    np.maximum.at(radii_m, facet, np.linalg.norm(at - at[largest[facet], :1], axis=2).max(axis=1))
+    return facet, ground.normals[largest], at[largest, 0], radii_m
 
 
 @inner
@@ -128,19 +134,22 @@ def rounded_contacts(
         copy(pose, on.looked_at)
     on.lengths_m[0] += moved_m(on.looked_at, pose, on.lengths_m[1])
     copy(pose, on.looked_at)
-    within_m = margin_m + on.lengths_m[0]
-    facets = len(on.normals) - len(on.ways)
+    within_m, placed, points = margin_m + on.lengths_m[0], (pose, turn), len(ground.points)
+    edges = len(on.normals) - len(on.ways)
     for part in range(len(on.apart_m)):
         for k in range(len(on.normals)):
             if on.apart_m[part, k] >= within_m:
                 continue
-            far = dot(on.normals[k], minus(pose, on.places[k])) - on.lengths_m[1]
-            if far >= margin_m:
-                on.apart_m[part, k] = on.lengths_m[0] + far
-            elif k < facets:
-                count = _meet_facet((on, ground), part, k, (pose, turn), margin_m, out, count)
+            apart_m = _apart_m(on, part, k, placed)
+            on.apart_m[part, k] = on.lengths_m[0] + max(apart_m, 0.0)
+            if apart_m >= margin_m:
+                continue
+            if k < edges - points:
+                count = _meet_facet((on, ground), part, k, placed, margin_m, out, count)
+            elif k < edges:
+                count = _meet_point((on, ground), part, k - edges + points, placed, margin_m, out, count)
             else:
-                count = _meet_edge(on, part, k - facets, (pose, turn), margin_m, out, count)
+                count = _meet_edge(on, part, k - edges, placed, margin_m, out, count)
     return without_rims_of_what_touches(on.lengths_m[1], out, count)
 
 
@@ -165,7 +174,7 @@ def _meet_facet(
     n = (on.normals[facet, 0], on.normals[facet, 1], on.normals[facet, 2])
     place = _farthest(on, part, facet, 0, n, placed)
     gap = dot(n, minus(place, on.places[facet]))
-    on.apart_m[part, facet] = on.lengths_m[0] + abs(gap)
+    on.apart_m[part, facet] = max(on.apart_m[part, facet], on.lengths_m[0] + abs(gap))
     if abs(gap) >= margin_m or not _lies_over(on, ground, facet, place):
         return count
     return add(out, count, FIRST_KEY + part * len(on.normals) + facet, gap, n, place, placed[0])
@@ -205,10 +214,6 @@ def _meet_edge(on: Facets, part: int, edge: int, placed: Any, margin_m: float, o
     """Add the contact of a part with an edge between facets, if it is over neither of these."""
     feature = edge + len(on.normals) - len(on.ways)
     start, most = on.places[feature], on.turns[edge]
-    apart_m = _apart_from_edge(on, part, edge, placed)
-    on.apart_m[part, feature] = on.lengths_m[0] + max(apart_m, 0.0)
-    if apart_m >= margin_m:
-        return count
     place, low = _missed(on, part, edge, 1, 0.0, placed)
     if low <= 0.0:
         return count
@@ -237,18 +242,54 @@ def _meet_edge(on: Facets, part: int, edge: int, placed: Any, margin_m: float, o
 
 
 @inner
-def _apart_from_edge(on: Facets, part: int, edge: int, placed: Any) -> float:
-    """How far a part is from an edge, at least: along the way from there to the centre of mass."""
-    pose, feature, along = placed[0], edge + len(on.normals) - len(on.ways), on.ways[edge]
-    share = dot(along, minus(pose, on.places[feature])) / dot(along, along)
-    nearest = plus(on.places[feature], min(max(share, 0.0), 1.0), along)
+def _apart_m(on: Facets, part: int, feature: int, placed: Any) -> float:
+    """How far a part is from a feature, at least: along the way from there to the centre of mass."""
+    pose, edge, nearest = placed[0], feature - len(on.normals) + len(on.ways), on.places[feature]
+    nearest = nearest[0], nearest[1], nearest[2]
+    if edge >= 0:
+        along = on.ways[edge]
+        share = dot(along, minus(pose, nearest)) / dot(along, along)
+        nearest = plus(nearest, min(max(share, 0.0), 1.0), along)
     up = minus(pose, nearest)
-    size = math.sqrt(dot(up, up))
+    size = math.sqrt(square(up))
     if size == 0.0:
         return 0.0
     up = (up[0] / size, up[1] / size, up[2] / size)
-    place = _farthest(on, part, feature, 3, up, placed)
-    return dot(up, minus(place, nearest))
+    return dot(up, minus(_farthest(on, part, feature, 3, up, placed), nearest)) - on.radii_m[feature]
+
+
+@inner
+def _meet_point(
+    bodies: Any, part: int, point: int, placed: Any, margin_m: float, out: Any, count: int
+) -> int:
+    """Add the contact of a part with a point of the ground, if it is over no facet and no edge beside that.
+
+    The normal turns by how far the place misses it, over the radius of the base that its last turn has shown.
+    """
+    on, ground = bodies
+    feature, (pose, _) = point + len(on.normals) - len(on.ways) - len(ground.points), placed
+    at, size_m = on.places[feature], on.lengths_m[1]
+    n, radius_m, missed, turned_by = minus(pose, at), size_m, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    place = n
+    for _ in range(_ROUNDS):
+        size = math.sqrt(square(n))
+        n = (n[0] / size, n[1] / size, n[2] / size)
+        place = _farthest(on, part, feature, 0, n, placed)
+        offset = minus(place, at)
+        aside = plus(offset, -dot(n, offset), n)
+        if square(aside) < (_CENTRED * size_m) ** 2:
+            break
+        along = dot(minus(missed, aside), turned_by)
+        radius_m = along / square(turned_by) if along > 0.0 else size_m
+        turned_by, missed = (aside[0] / radius_m, aside[1] / radius_m, aside[2] / radius_m), aside
+        n = plus(n, 1.0, turned_by)
+    gap = dot(n, minus(place, at))
+    if abs(gap) >= margin_m:
+        return count
+    for way in range(ground.first_way[point], ground.first_way[point + 1]):
+        if dot(n, ground.ways[way]) > _BESIDE:
+            return count
+    return add(out, count, FIRST_KEY + part * len(on.normals) + feature, gap, n, place, pose)
 
 
 @inner

@@ -7,6 +7,7 @@ neighbour. Compiled.
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,8 +26,9 @@ _LOWER_SHARE = 1e-13
 FIRST_KEY = 4 << 60
 """First key of the contacts of smooth parts; on facets by part, facets and then edges."""
 
-_ONE_WAY = 1.0 - 1e-6
-"""Cosine between normals of one facet, and of no other."""
+_ONE_WAY = math.cos(math.radians(4.0))
+"""Cosine between the normals of a part and of its triangles where it touches: those turn by no more from one to the
+next."""
 
 _ONE_PLACE = 0.005
 """Distance from the contact of a part, over that of the farthest vertex, within which vertices belong to its rim."""

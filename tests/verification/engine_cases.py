@@ -65,6 +65,17 @@ def energy_before(scene, trajectory, sample):
     return 0.5 * speed @ speed + 0.5 * spin @ inertia @ spin + G * height
 
 
+def energy_j_kg(shaking):
+    """Energy over mass of each pose of a shake on ground at rest; heights count from the support frame's origin."""
+    sim, count = shaking.sim, shaking.last + 1
+    velocity, height_m = (
+        sim.velocity[:count],
+        sim.pose[:count, :3] @ shaking.problem.contact.scene_from_support[2],
+    )
+    spin = Rotation.from_quat(sim.pose[:count, 3:]).inv().apply(velocity[:, 3:])
+    return 0.5 * ((velocity[:, :3] ** 2).sum(axis=1) + spin**2 @ sim.inertia_m2) + G * height_m
+
+
 def lean(trajectory):
     """Angle (n,) toward +x of a motion in the plane y = 0."""
     q = trajectory.quaternion_xyzw

@@ -1,15 +1,22 @@
 """Rounded bases on ground of several facets: what topples them and how they roll, against closed forms."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from engine_cases import periods_s, topples_at_m_s2
-from reference.bodies import round_cap
+import trimesh
+from engine_cases import energy_j_kg, periods_s, topples_at_m_s2
+from reference.bodies import height_field, round_cap
 from refusals import refused
 from scipy.spatial.transform import Rotation
 
 from toppling import Motion, Scene, shake
+from toppling.workers.engines import DEFAULT, engine_named
+from toppling.workers.options import PRESETS, TerminationOptions
+from toppling.workers.problem import Problem
+from toppling.workers.shaking import Shaking
+from toppling.workers.start import State
 
 G, RADIUS_M, HALF_WIDTH_M = 9.81, 0.65, 0.3
 RIM_RAD = math.asin(HALF_WIDTH_M / RADIUS_M)
@@ -154,3 +161,26 @@ def test_a_slowly_growing_acceleration_topples_a_cap_on_facets_where_statics_say
     knots_s, levels_m_s2 = [0.0, 80.0, 240.0], threshold * np.array([0.0, 0.95, 1.05])
     assert topples_at_m_s2(scene, azimuth_deg, knots_s, levels_m_s2) == pytest.approx(threshold, rel=0.01)
     assert topples_at_m_s2(scene, azimuth_deg, knots_s, 0.94 * levels_m_s2) is None
+
+
+@pytest.mark.parametrize(("friction", "restitution"), [(0.3, 0.0), (1.0, 0.0), (0.3, 0.3), (1.0, 0.3)])
+def test_an_ellipsoid_that_rolls_over_uneven_ground_gains_no_energy(friction, restitution):
+    """But for what half a step's fall gives, and the tolerance within which contacts touch, 2e-6 R each."""
+    random = np.random.default_rng(0)
+    waves, phases = 8.0 * random.normal(size=(2, 20, 1)), random.uniform(0.0, 2.0 * np.pi, (20, 1))
+    ground = height_field(
+        lambda x, y: 1e-3 * np.cos(waves[0] * x + waves[1] * y + phases).sum(axis=0),
+        np.linspace(-1.2, 1.2, 41),
+    )
+    ball = trimesh.creation.icosphere(3, 1.0)
+    vertices = np.array(ball.vertices) * [0.4, 0.5, 0.35] + [0.0, 0.0, 0.36]
+    scene = Scene.from_mesh((vertices, np.array(ball.faces)), pedestal=ground, friction=friction)
+    scene = scene.with_contact(replace(scene.contact, restitution=restitution))
+    options = replace(PRESETS["fast"], termination=TerminationOptions(cap_after=2.0))
+    start = State(velocity_m_s=[0.2, 0.1, 0.0], angular_velocity_rad_s=[-0.3, 0.6, 0.2])
+    problem = Problem(scene, Motion(np.zeros((200, 3)), 0.01), options, 0.002, start, shortcuts=False)
+    shaking = Shaking(problem, engine_named(DEFAULT).steps(problem))
+    assert scene.rolls
+    assert shaking.run() == "time_cap"
+    energy = energy_j_kg(shaking)
+    assert (energy - np.minimum.accumulate(energy)).max() < 2e-5 * G * scene.rock.half_diagonal_m

@@ -389,7 +389,7 @@ def test_a_rock_that_still_slides_after_the_motion_slides_to_its_end():
     assert short == pytest.approx(whole, abs=1e-6)
 
 
-@pytest.mark.parametrize("time_step", [0.0, -0.001, 0.05, 1.0, float("nan")])
+@pytest.mark.parametrize("time_step", [0.0, -0.001, 1e-10, 0.05, 1.0, float("nan")])
 def test_a_step_that_resolves_nothing_is_refused(time_step):
     with refused("shake.step_out_of_range", time_step):
         shake(Scene.block(0.02, 0.02, 0.06), pulse(5.0), time_step=time_step)

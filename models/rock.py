@@ -16,14 +16,13 @@ _ROCK_HEIGHTS_M = (0.02, 100.0)
 _COARSEST_PER_HEIGHT = 1e-2
 """Maximum step of a rock's coordinates, as a fraction of its height: coarser ones lose the shape."""
 _FAR_SIZES = 100.0
-"""Distance from the origin, in diagonals of a mesh, beyond which it is integrated about a nearby point. Moments about
-the origin grow with the fourth power of the distance: at this one the inertia loses 3e-10, in survey coordinates all
-digits."""
+"""Distance from the origin, in diagonals, beyond which a mesh is integrated about a nearby point: moments grow with the
+fourth power of the distance, at this one the inertia loses 3e-10, in survey coordinates all digits."""
 _FARTHEST_M = 1e8
 """Maximum absolute coordinate, m: larger than any survey coordinates, including geocentric ones."""
 
 
-_mesh_error = refusals(
+mesh_error = refusals(
     expected="one closed body of triangles, oriented outward, in metres",
     remedy="export the rock alone, closed and with all normals outward, or make the scene with 'toppling scan'",
 )
@@ -50,28 +49,20 @@ class Rock:
     def from_triangles(cls, vertices_m: ArrayLike, faces: ArrayLike, *, where: str = "rock mesh") -> "Rock":
         """Rock from a closed triangle mesh; coincident vertices are merged, mass properties integrated exactly.
 
-        Raises InputError if the mesh is not closed, not consistently oriented, not one body, encloses no volume, is
-        too thin for a usable inertia, or has too coarse coordinates.
+        Raises InputError if it is not oriented, closed or one body, too thin for a usable inertia, or too coarse.
         """
-        check_triangles(vertices_m, faces, where)
+        mesh = joined_mesh(vertices_m, faces, where)
         _check_steps(np.asarray(vertices_m, float), where)
-        mesh = trimesh.Trimesh(np.asarray(vertices_m, float), np.asarray(faces, np.int64), process=False)
-        mesh.merge_vertices(merge_tex=True, merge_norm=True)
-        # A degenerate triangle of three collinear vertices connects its neighbours, and keeps the mesh closed.
-        joins_three = (mesh.faces != np.roll(mesh.faces, 1, axis=1)).all(axis=1)
-        mesh.update_faces(joins_three)
-        mesh.update_faces(mesh.unique_faces())
-        mesh.remove_unreferenced_vertices()
         if len(mesh.faces) < 4:
-            raise _mesh_error("mesh.encloses_nothing", f"{len(mesh.faces)} triangles enclose nothing", where)
+            raise mesh_error("mesh.encloses_nothing", f"{len(mesh.faces)} triangles enclose nothing", where)
         if not mesh.is_watertight:
             once = np.bincount(mesh.edges_unique_inverse)
             what = f"the mesh is open: {int((once != 2).sum())} edges do not join two triangles"
-            raise _mesh_error("mesh.open", what, where)
+            raise mesh_error("mesh.open", what, where)
         if not mesh.is_winding_consistent:
-            raise _mesh_error("mesh.not_oriented", "triangles are not consistently oriented", where)
+            raise mesh_error("mesh.not_oriented", "triangles are not consistently oriented", where)
         if mesh.body_count != 1:
-            raise _mesh_error("mesh.several_bodies", f"{mesh.body_count} separate bodies", where)
+            raise mesh_error("mesh.several_bodies", f"{mesh.body_count} separate bodies", where)
         vertices, origin = np.array(mesh.vertices, float), nearby_origin_m(mesh.vertices)
         if origin.any():
             mesh.apply_translation(-origin)
@@ -79,12 +70,12 @@ class Rock:
             mesh.invert()
         extent = float(np.prod(mesh.extents))
         if not mesh.volume > 1e-9 * extent:
-            raise _mesh_error("mesh.encloses_nothing", f"the enclosed volume is {mesh.volume:.3g} m3", where)
+            raise mesh_error("mesh.encloses_nothing", f"the enclosed volume is {mesh.volume:.3g} m3", where)
         inertia = np.array(mesh.moment_inertia, float) / float(mesh.volume)
         least = float(np.linalg.eigvalsh(inertia)[0])
         if not least > 0.0:
             what = f"the least moment of inertia over mass is {least:.3g} m2"
-            raise _mesh_error("mesh.moment_unusable", what, where)
+            raise mesh_error("mesh.moment_unusable", what, where)
         return cls(
             vertices_m=vertices,
             faces=np.array(mesh.faces, np.int64),
@@ -146,26 +137,38 @@ def nearby_origin_m(vertices_m: Array) -> Array:
     return np.append(np.floor(0.5 * (low + high))[:2], low[2])
 
 
+def joined_mesh(vertices_m: ArrayLike, faces: ArrayLike, where: str) -> trimesh.Trimesh:
+    """A mesh whose triangles share their vertices and occur once; InputError if it is none."""
+    check_triangles(vertices_m, faces, where)
+    mesh = trimesh.Trimesh(np.asarray(vertices_m, float), np.asarray(faces, np.int64), process=False)
+    mesh.merge_vertices(merge_tex=True, merge_norm=True)
+    # A degenerate triangle of three collinear vertices connects its neighbours, and keeps the mesh closed.
+    joins_three = (mesh.faces != np.roll(mesh.faces, 1, axis=1)).all(axis=1)
+    mesh.update_faces(joins_three & mesh.unique_faces())
+    mesh.remove_unreferenced_vertices()
+    return mesh
+
+
 def check_triangles(vertices_m: ArrayLike, faces: ArrayLike, where: str) -> None:
     """Raise InputError for wrong shapes, coordinates not finite or beyond `_FARTHEST_M`, or indices out of range."""
     try:
         vertices, triangles = np.asarray(vertices_m, float), np.asarray(faces)
     except (TypeError, ValueError) as error:
         what = f"vertices or triangles are no array of numbers ({error})"
-        raise _mesh_error("mesh.not_numbers", what, where) from None
+        raise mesh_error("mesh.not_numbers", what, where) from None
     if vertices.ndim != 2 or vertices.shape[1] != 3 or triangles.ndim != 2 or triangles.shape[1] != 3:
         what = f"vertices and triangles have shapes {vertices.shape} and {triangles.shape}"
-        raise _mesh_error("mesh.shape_unusable", what, where)
+        raise mesh_error("mesh.shape_unusable", what, where)
     if not np.isfinite(vertices).all():
-        raise _mesh_error("mesh.not_finite", "vertex coordinates are not all finite", where)
+        raise mesh_error("mesh.not_finite", "vertex coordinates are not all finite", where)
     if np.abs(vertices).max(initial=0.0) > _FARTHEST_M:
         what = f"a vertex lies {np.abs(vertices).max():.3g} m from the origin"
-        raise _mesh_error("mesh.too_far", what, where)
+        raise mesh_error("mesh.too_far", what, where)
     if triangles.dtype.kind not in "iuf" or (triangles != np.floor(triangles)).any():
-        raise _mesh_error("mesh.index_not_whole", "the corners of its triangles are no whole numbers", where)
+        raise mesh_error("mesh.index_not_whole", "the corners of its triangles are no whole numbers", where)
     wrong = ((triangles < 0) | (triangles >= len(vertices))).any(axis=1)
     if wrong.any():
-        raise _mesh_error(
+        raise mesh_error(
             "mesh.index_out_of_range",
             f"triangle {int(wrong.argmax())} joins the vertices {', '.join(map(str, triangles[wrong.argmax()]))}, "
             f"where there are {len(vertices)}",

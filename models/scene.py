@@ -27,7 +27,7 @@ from toppling.models.frames import STANDARD_GRAVITY_M_S2, azimuth_of, rotation_b
 from toppling.models.hidden_base.unseen_base import UnseenBase
 from toppling.models.lengths import check_remarks, metres_in, too_large
 from toppling.models.pedestal import ContactProperties, Pedestal
-from toppling.models.rock import Rock, check_size, check_triangles, nearby_origin_m
+from toppling.models.rock import Rock, check_size, joined_mesh, mesh_error, nearby_origin_m
 from toppling.models.rounded.base import RoundedBase, refined, rounded_base_of
 from toppling.models.shapes import box
 from toppling.models.statics import Limits, quasi_static_toppling_m_s2, slides_m_s2
@@ -433,26 +433,22 @@ def _on_surface(
     from toppling.models.ground.interface import surface_below
 
     vertices, faces, where, _ = _in_metres(pedestal, units, "pedestal mesh")
-    check_triangles(vertices, faces, where)
-    at_origin = np.asarray(vertices, float) - origin_m
-    return surface_below(rock, at_origin, np.asarray(faces, np.int64), gravity_m_s2, friction, where)
+    mesh = joined_mesh(vertices, faces, where)
+    if len(mesh.faces) and not mesh.is_winding_consistent:
+        raise mesh_error("mesh.not_oriented", "triangles are not consistently oriented", where)
+    at_origin, triangles = np.array(mesh.vertices, float) - origin_m, np.array(mesh.faces, np.int64)
+    return surface_below(rock, at_origin, triangles, gravity_m_s2, friction, where)
 
 
 def _in_metres(mesh: MeshLike, units: str | None, what: str) -> tuple[ArrayLike, ArrayLike, str, str | None]:
     """Vertices in metres, triangles, name for error messages, and stated unit of a mesh."""
     vertices, faces, where = triangles_of(mesh, what)
-    stated = units or _stated_unit(mesh)
+    own = getattr(mesh, "units", None)  # such as trimesh's for some formats; files are taken in metres
+    stated = units or (own if isinstance(own, str) else None)
+    if not units and isinstance(mesh, str | os.PathLike):
+        check_remarks(remarks_of(Path(mesh)), str(mesh))
     if stated:
         factor = metres_in(stated)
         with contextlib.suppress(TypeError, ValueError):  # invalid arrays are refused later
             vertices = factor * np.asarray(vertices, float)
     return vertices, faces, where, stated
-
-
-def _stated_unit(mesh: MeshLike) -> str | None:
-    """Unit of an object, such as trimesh's for some formats; None for files, which are taken in metres."""
-    if isinstance(mesh, str | os.PathLike):
-        check_remarks(remarks_of(Path(mesh)), str(mesh))
-        return None
-    stated = getattr(mesh, "units", None)
-    return stated if isinstance(stated, str) else None

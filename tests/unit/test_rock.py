@@ -38,20 +38,16 @@ def test_a_sliver_of_three_vertices_in_line_keeps_the_mesh_closed():
     np.testing.assert_allclose(split.inertia_per_mass_m2, whole.inertia_per_mass_m2, atol=1e-12)
 
 
-def test_a_mesh_in_survey_coordinates_becomes_a_scene_beside_its_origin():
+def test_a_mesh_in_survey_coordinates_becomes_a_scene_with_an_origin_that_is_read_back(tmp_path):
     local, far = (Scene.from_mesh((ROCK.vertices_m + shift, ROCK.faces)) for shift in (0.0, UTM_M))
     np.testing.assert_allclose(
         far.rock.vertices_m + far.origin_m, ROCK.vertices_m + UTM_M, rtol=0.0, atol=1e-8
     )
     assert np.abs(far.rock.vertices_m).max() < 3.0
     assert local.origin_m.tolist() == [0.0, 0.0, 0.0]
-
-
-def test_the_origin_of_a_mesh_in_survey_coordinates_is_saved_and_read_back(tmp_path):
-    scene = Scene.from_mesh((ROCK.vertices_m + UTM_M, ROCK.faces), slope_deg=5.0)
-    again = Scene.load(scene.save(tmp_path / "scene"))
-    np.testing.assert_array_equal(again.origin_m, scene.origin_m)
-    assert again.id == scene.id
+    again = Scene.load(far.save(tmp_path / "scene"))
+    np.testing.assert_array_equal(again.origin_m, far.origin_m)
+    assert again.id == far.id
 
 
 @pytest.mark.parametrize(("scale", "height"), [(1000.0, "1800 m"), (0.01, "0.018 m")])
@@ -64,6 +60,16 @@ def test_survey_coordinates_in_single_precision_are_refused_and_local_ones_are_n
     Scene.from_mesh((ROCK.vertices_m.astype(np.float32), ROCK.faces))
     with refused("coordinates.too_coarse", "0.25 m"):
         Scene.from_mesh(((ROCK.vertices_m + UTM_M).astype(np.float32), ROCK.faces))
+
+
+def test_a_pedestal_of_loose_triangles_is_the_one_whose_triangles_share_their_vertices():
+    rock = box(0.2, 0.2, 0.6).moved(np.eye(3), (0.0, 0.0, 0.62))
+    corners = np.array([[-2.0, -2, 0], [2, -2, 0], [2, 2, 0.05], [-2, 2, 0]])
+    loose = corners[[0, 1, 2, 0, 2, 3]], np.arange(6).reshape(2, 3)
+    of_rock, shared = (rock.vertices_m, rock.faces), (corners, np.array([[0, 1, 2], [0, 2, 3]]))
+    assert Scene.from_mesh(of_rock, pedestal=loose).id == Scene.from_mesh(of_rock, pedestal=shared).id
+    with refused("mesh.not_oriented"):
+        Scene.from_mesh(of_rock, pedestal=(corners, np.array([[0, 1, 2], [0, 3, 2]])))
 
 
 def test_a_mesh_with_a_part_turned_inside_out_is_refused():
@@ -89,9 +95,7 @@ def test_a_slope_toward_nowhere_is_refused(azimuth_deg):
 @pytest.mark.parametrize(
     ("scale", "shift_m", "told"),
     [
-        (1.0, (127.0, 0.0, 0.0), "2 by 2 by 0 m lies +127 m east, +0 m north"),
-        (1.0, (0.0, -1.7, 0.0), "-1.7 m north"),
-        (1.0, (0.0, 0.0, 3.0), "+2.4 m up"),
+        (1.0, (127.0, -1.7, 3.0), "2 by 2 by 0 m lies +127 m east, -1.7 m north and +2.4 m up"),
         (1.0, (0.0, 0.0, -0.5), "-1.1 m up"),
         (1000.0, (50.0, 80.0, -900.0), "2e+03 by 2e+03 by 0 m lies +50 m east"),
         (1.0, (4e5, 4e6, 0.0), "+4e+05 m east, +4e+06 m north"),

@@ -1,5 +1,6 @@
 """Candidates: peaks of a thinned cloud, each cut off its surroundings along the loop that is short and concave."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -110,8 +111,8 @@ def find_candidates(points_m: Array, coarse: Surfels) -> list[Candidate]:
 
     Peaks are cut off their surroundings as if they had several heights, and so is what level planes carry; of cuts that
     overlap the cheapest counts, and others of like cost are its rivals. Of a stack the upper one counts that a level
-    plane within it carries: a statue and not its plinth with it. The highest are looked at anew from near by, as the
-    whole cloud's patches may be too wide for their crevice.
+    plane within it carries: a statue and not its plinth with it. The cuts of the highest are compared from near by, as
+    the whole cloud's patches may be too wide for their crevice.
     """
     edges = neighbourhood(coarse.points_m, coarse.voxel_m)
     cuts = [
@@ -121,26 +122,36 @@ def find_candidates(points_m: Array, coarse: Surfels) -> list[Candidate]:
     ]
     on_planes = [cut for plane in _level_planes(coarse, edges) for cut in _on_plane(coarse, edges, plane)]
     closed = [candidate for candidate in [*cuts, *on_planes] if candidate is not None and _closes(candidate)]
-    found: list[Candidate] = []
+    found: list[list[Candidate]] = []  # each thing's cuts, that which counts first
     for candidate in sorted(closed, key=lambda candidate: candidate.cost):
-        own = next((k for k, other in enumerate(found) if (candidate.rock & other.rock).any()), None)
+        own = next((k for k, cuts in enumerate(found) if (candidate.rock & cuts[0].rock).any()), None)
         if own is None:
-            found.append(candidate)
-        elif candidate in on_planes and _is_upper(candidate, found[own]):
-            found[own] = candidate
-        elif found[own] not in on_planes:
-            found[own] = _with_rivals(found[own], [candidate])
-    found.sort(key=lambda candidate: -candidate.height_m)
-    large = [cut for cut in found[:_ZOOMED] if cut.height_m > _ZOOMED_SHARE * found[0].height_m]
-    seen = [*(_seen_near_by(points_m, candidate) for candidate in large), *found[len(large) :]]
-    return sorted(seen, key=lambda candidate: -candidate.height_m)
+            found.append([candidate])
+        elif candidate in on_planes and _is_upper(candidate, found[own][0]):
+            found[own] = [candidate]
+        elif found[own][0] not in on_planes and _is_apart(candidate, found[own]):
+            found[own].append(candidate)
+    found.sort(key=lambda cuts: -cuts[0].height_m)
+    large = [cuts for cuts in found[:_ZOOMED] if cuts[0].height_m > _ZOOMED_SHARE * found[0][0].height_m]
+    seen = [[_seen_near_by(points_m, cut) for cut in cuts] for cuts in large] + found[len(large) :]
+    return sorted((_cheapest(cuts) for cuts in seen), key=lambda candidate: -candidate.height_m)
+
+
+def _is_apart(cut: Candidate, others: Iterable[Candidate]) -> bool:
+    """Whether a cut leaves much less or much more than each of some others."""
+    return all(cut.shared(other) < _OTHER_SHARE for other in others)
+
+
+def _cheapest(cuts: list[Candidate]) -> Candidate:
+    """Of the cuts of one thing the cheapest, with those of like cost as its rivals."""
+    first, *others = sorted(cuts, key=lambda cut: cut.cost)
+    return _with_rivals(first, others)
 
 
 def _with_rivals(thing: Candidate, cuts: list[Candidate]) -> Candidate:
     """A thing with those of some cuts that cost like it and leave much less or much more than it and each other."""
     for cut in cuts:
-        apart = all(cut.shared(other) < _OTHER_SHARE for other in (thing, *thing.rivals))
-        if cut.cost < _LIKE_COST * thing.cost and apart:
+        if cut.cost < _LIKE_COST * thing.cost and _is_apart(cut, (thing, *thing.rivals)):
             thing = replace(thing, rivals=(*thing.rivals, cut))
     return thing
 

@@ -134,7 +134,7 @@ def find_candidates(points_m: Array, coarse: Surfels) -> list[Candidate]:
     found.sort(key=lambda cuts: -cuts[0].height_m)
     large = [cuts for cuts in found[:_ZOOMED] if cuts[0].height_m > _ZOOMED_SHARE * found[0][0].height_m]
     seen = [[_seen_near_by(points_m, cut) for cut in cuts] for cuts in large] + found[len(large) :]
-    return sorted((_cheapest(cuts) for cuts in seen), key=lambda candidate: -candidate.height_m)
+    return sorted((_best_parted(cuts) for cuts in seen), key=lambda candidate: -candidate.height_m)
 
 
 def _is_apart(cut: Candidate, others: Iterable[Candidate]) -> bool:
@@ -142,10 +142,13 @@ def _is_apart(cut: Candidate, others: Iterable[Candidate]) -> bool:
     return all(cut.shared(other) < _OTHER_SHARE for other in others)
 
 
-def _cheapest(cuts: list[Candidate]) -> Candidate:
-    """Of the cuts of one thing the cheapest, with those of like cost as its rivals."""
-    first, *others = sorted(cuts, key=lambda cut: cut.cost)
-    return _with_rivals(first, others)
+def _best_parted(cuts: list[Candidate]) -> Candidate:
+    """Of the cuts of one thing the first, or a larger one that is cheaper, with those of like cost as its rivals.
+
+    A part that is cheaper to cut off than the whole stands upon the rest: either may be meant.
+    """
+    thing = min((cut for cut in cuts if cut.height_m >= cuts[0].height_m), key=lambda cut: cut.cost)
+    return _with_rivals(thing, cuts)
 
 
 def _with_rivals(thing: Candidate, cuts: list[Candidate]) -> Candidate:

@@ -317,10 +317,10 @@ FALLS: Rules = (("fallen", _fallen), ("tilted", _tilted))
 """After these the rock has toppled whatever its pose."""
 
 RULES: Rules = (
-    ("contacts_disagree", _disagrees),
     ("speed_limit", _diverged),
     ("left_ground", _left_ground),
     *FALLS,
+    ("contacts_disagree", _disagrees),
     ("never_moved", _never_moved),
     ("rest", _rests),
     ("rest_certain", _is_held),

@@ -102,7 +102,7 @@ def test_the_base_is_said_by_its_controls_and_touches_alone_once_there_are_three
     browser, _ = page
     least, said = (f"return document.getElementById('{name}').innerText" for name in ("least", "hints"))
     before = browser.run(least)
-    assert "±" in browser.run("return document.getElementById('numbers').innerText")
+    assert "90 %" in browser.run("return document.getElementById('numbers').innerText")
     assert "by its rim" in browser.run("return document.getElementById('notes').textContent")
     browser.click("#base option:nth-child(2)")
     browser.until(f"{IDLE} == 'true' && {said[7:]}.includes('base: flat')")

@@ -234,11 +234,12 @@ def _seen_rim(under: Underside, low: Array, lit: Array, height_m: float) -> Rim:
     std = np.hypot(np.hypot(end_std, off_m), ground_std)
     selected = ~stray if (~stray).sum() >= _LEAST_RIM else np.ones(len(rim), bool)
     shared = np.full(len(rim), np.sqrt((end_std[to_its_end] ** 2).mean()) if to_its_end.any() else 0.0)
-    # A rim that was not seen to its end lies anywhere between the interface and where it was seen.
-    half_unseen = np.maximum(UNSEEN_STD_SHARE * rim[:, 2], std)
+    # A rim that was not seen to its end goes down no farther than to the interface, or from below it to the pedestal.
+    goes_on = np.where(rim[:, 2] > 0.0, np.minimum(rim[:, 2], hangs), hangs)
+    half_unseen = np.maximum(UNSEEN_STD_SHARE * goes_on, std)
     return Rim(
         rim[selected, :2],
-        np.where(to_its_end, gap, gap - 0.5 * rim[:, 2])[selected],
+        np.where(to_its_end, gap, gap - 0.5 * goes_on)[selected],
         np.where(to_its_end, std, half_unseen)[selected],
         np.where(to_its_end, shared, half_unseen)[selected],
         to_its_end.astype(np.intp)[selected],
@@ -326,9 +327,8 @@ def _outlined(under: Underside, height_m: float) -> Rim:
     at = under.grid.nodes_m[border]
     at = at[_spread(at, _MOST_RIM)]
     std = np.full(len(at), _OUTLINE_STD_PER_HEIGHT * height_m)
-    return Rim(
-        at, np.zeros(len(at)), std, std, np.ones(len(at), np.intp), np.zeros(len(at)), np.zeros(len(at))
-    )
+    none = np.zeros(len(at))
+    return Rim(at, none, std, std, np.ones(len(at), np.intp), none, none)
 
 
 def check_on_interface(inspection: Inspection, interface: Interface, height_m: float) -> None:

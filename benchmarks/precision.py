@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from toppling.models.motions.measures import LEVEL_MEASURES
-from toppling.results.precision.design import Pool, Rounds
+from toppling.results.precision.design import Pool, Rounds, Target
 from toppling.results.precision.probit import Answers, Curve, answers_of, fit_curve
-from toppling.results.precision.target import Target
 from toppling.results.reader import open_run
 
 PRECISIONS = {0.1: 1.0, 0.05: 0.3, 0.03: 0.3}

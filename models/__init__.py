@@ -1,21 +1,18 @@
 """Scenes and motions, independent of engines and clusters."""
 
 __all__ = [
+    "alone",
     "arrays",
     "caching",
     "compiled",
     "errors",
     "frames",
     "lengths",
-    "matplotlib_alone",
-    "openquake",
     "pedestal",
-    "proportions",
     "relief",
+    "rock",
     "scene",
-    "settling",
     "shapes",
     "statics",
     "terminal",
-    "trajectory",
 ]  # fmt: skip

@@ -1,6 +1,6 @@
-"""Array types and common array operations."""
+"""Array types, common array operations, and proportions of draws."""
 
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,3 +70,14 @@ def numbered(keys: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int
 def at_most(rows: NDArray[_Kind], most: int) -> NDArray[_Kind]:
     """Every k-th row, such that at most `most` rows are left."""
     return rows[:: -(-len(rows) // most) or 1]
+
+
+def jeffreys_mean(count: Any, of: Any) -> Any:
+    """Posterior mean of a proportion under Jeffreys' prior, after `count` of `of` draws: never 0 or 1."""
+    return (count + 0.5) / (of + 1.0)
+
+
+def effective_number(weights: Array) -> float:
+    """Kish's effective number of draws with weights that are not all 0."""
+    share = weights / weights.max()  # avoids underflow of squares
+    return float(share.sum() ** 2 / (share**2).sum())

@@ -22,11 +22,21 @@ import llvmlite
 import llvmlite.binding
 import numpy as np
 
+from toppling.models.alone import import_alone
 from toppling.models.arrays import Array as Array
 from toppling.models.arrays import Flags as Flags
 from toppling.models.arrays import Indices as Indices
 from toppling.models.files.folder import cache_folder
-from toppling.models.numba_alone import numba
+
+import_alone("numba", ".numba_config.yaml")
+
+import numba  # noqa: E402
+import numba.core.caching  # noqa: E402
+
+numba.core.config._config_fname = (
+    os.devnull
+)  # otherwise that file is also read whenever something is compiled
+numba.core.config._env_reloader.reset()  # of who had imported Numba before
 
 Vector = tuple[float, float, float]
 

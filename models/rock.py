@@ -203,3 +203,14 @@ def _check_steps(vertices: Array, where: str) -> None:
             expected=f"steps of at most {_COARSEST_PER_HEIGHT * height_m:.2g} m",
             remedy="export again in double precision, or with an offset taken away",
         )
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Poses of a rock relative to its pedestal."""
+
+    time_s: Array  # (n,)
+    position_m: Array  # (n, 3): centre of mass, scene frame
+    # (n, 4): rotation to the current pose in scene axes, from the pose in which the rock was seated, or from that of
+    # the scene if its start was given.
+    quaternion_xyzw: Array

@@ -28,7 +28,7 @@ from toppling.models.hidden_base.unseen_base import UnseenBase
 from toppling.models.lengths import check_remarks, metres_in, too_large
 from toppling.models.pedestal import ContactProperties, Pedestal
 from toppling.models.rock import Rock, check_size, joined_mesh, mesh_error, nearby_origin_m
-from toppling.models.rounded.base import RoundedBase, refined, rounded_base_of
+from toppling.models.rounded_base import RoundedBase, refined, rounded_base_of
 from toppling.models.shapes import box
 from toppling.models.statics import Limits, quasi_static_toppling_m_s2, slides_m_s2
 

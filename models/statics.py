@@ -13,17 +13,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from toppling.models.arrays import Array
 from toppling.models.frames import horizontal_unit_vector, plane_axes
-from toppling.models.pedestal import Pedestal
-from toppling.models.relief import contact_feet_m
-from toppling.models.rock import Rock
-from toppling.models.support import (
+from toppling.models.pedestal import (
     CONTACT_SHARE_OF_HEIGHT,
     STEEP,
     TOPPLED_FALL,
     TOPPLED_TILT_DEG,
+    Pedestal,
     moment_arms,
     planar_hull,
 )
+from toppling.models.relief import contact_feet_m
+from toppling.models.rock import Rock
 
 __all__ = [
     "CONTACT_SHARE_OF_HEIGHT", "EQUILIBRIUM_MARGIN", "STEEP", "TOPPLED_FALL", "TOPPLED_TILT_DEG", "Limits", "at_rest",

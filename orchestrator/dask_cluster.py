@@ -20,14 +20,13 @@ from distributed import Client, Future, KilledWorker, SpecCluster
 from distributed.deploy.adaptive import Adaptive
 
 from toppling.models.errors import InputError
-from toppling.orchestrator.compiling import COMPILING
 from toppling.orchestrator.context import Answer, RunError
 from toppling.orchestrator.delivery import NotDeliveredError, StorageError, pieces
 from toppling.orchestrator.dispatch import USUAL_LIMITS
 from toppling.orchestrator.interrupt import held_back
 from toppling.orchestrator.leaving import announced_exit, let_leave_in_order
 from toppling.orchestrator.local_workers import LocalWorkers
-from toppling.orchestrator.task import RunKey, UnfitWorkerError, check, must_compile
+from toppling.orchestrator.task import COMPILING, RunKey, UnfitWorkerError, check, must_compile
 
 log = logging.getLogger(__name__)
 

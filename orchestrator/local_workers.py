@@ -8,21 +8,25 @@ import asyncio
 import contextlib
 import json
 import logging
+import os
 import select
 import signal
+import sys
 import threading
 from pathlib import Path
 from typing import IO, Any
 
 import dask
 import psutil
-from distributed import Scheduler, SpecCluster
+from distributed import Scheduler, SpecCluster, Worker
 from distributed.deploy.spec import ProcessInterface
 from distributed.security import Security
 from distributed.system import MEMORY_LIMIT
 
+from toppling.models.compiled import FOLDER
 from toppling.orchestrator.journal import log_event
-from toppling.orchestrator.worker_start import WorkerProcess, worker_process
+from toppling.orchestrator.processes import WorkerProcess, worker_process
+from toppling.orchestrator.task import is_compiled, shake_a_block
 
 log = logging.getLogger(__name__)
 
@@ -156,3 +160,46 @@ def _kills_for_memory() -> int:
         counts = dict(line.split() for line in _OUT_OF_MEMORY.read_text().splitlines())
         return int(counts.get("oom_kill", 0))
     return 0
+
+
+def main() -> None:
+    """Worker process: read the configuration on standard input, and work until that or the scheduler is gone."""
+    if is_compiled():
+        shake_a_block()  # while the program that started this one checks its plan
+    if not (line := sys.stdin.readline()):
+        return
+    settings = json.loads(line)
+    threading.Thread(target=_end_with_the_program, daemon=True).start()
+    dask.config.update(dask.config.config, settings["config"])
+    if FOLDER is None:  # before it joins, or what it compiles would count as a job that hangs
+        shake_a_block()
+    asyncio.run(_work(settings))
+
+
+def _end_with_the_program() -> None:
+    """Exit when standard input is closed, although a job may keep the other thread busy for minutes."""
+    sys.stdin.read()
+    os._exit(0)
+
+
+async def _work(settings: dict[str, Any]) -> None:
+    key = settings["security"]
+    security = Security(
+        tls_ca_file=key["ca_file"],
+        tls_worker_cert=key["cert"],
+        tls_worker_key=key["key"],
+        require_encryption=True,
+    )
+    worker = Worker(
+        settings["scheduler"], name=settings["name"], nthreads=1, host="127.0.0.1", local_directory=settings["scratch"],
+        memory_limit=0, dashboard=False, dashboard_address="127.0.0.1:0", security=security,
+    )  # fmt: skip
+    async with worker:
+        os.write(1, b"joined\n")
+        os.dup(1)  # stays open as long as this process lives
+        os.dup2(2, 1)  # nobody reads what is printed
+        await worker.finished()
+
+
+if __name__ == "__main__":
+    main()

@@ -13,8 +13,8 @@ from toppling.models.frames import STANDARD_GRAVITY_M_S2
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.plan import Plan, expected_s
-from toppling.orchestrator.progress import duration
 from toppling.orchestrator.rocks_of_run import AZIMUTHS_DEG, Settlings
+from toppling.orchestrator.terminal import duration
 from toppling.workers.job import Assets, JobSpec, run_job
 from toppling.workers.seating import settled
 

@@ -1,30 +1,82 @@
 """Entries of a run's folder on its rocks: sites, settling, and those that do not stand."""
 
+from __future__ import annotations
+
 import dataclasses
+import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
+from toppling.models.frames import azimuth_deg
 from toppling.models.pedestal import ContactProperties, Pedestal
+from toppling.models.rock import Rock
 from toppling.models.scene import Scene
-from toppling.models.settling import Settling
 from toppling.models.statics import polygon, quasi_static_toppling_m_s2, support_polygon_m
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.plan import Plan, PlannedScene
 from toppling.orchestrator.site_table import Site
 from toppling.workers.seating import settled
 
+_REPORTED_FROM_DEG = 0.1
+"""Tilt, or displacement as of such a tilt, from which a settling is reported, degrees: the error of an interface."""
+
+
+@dataclass(frozen=True)
+class Settling:
+    """Difference between a rock's pose in its scene and the one in which every job begins."""
+
+    tilt_deg: float  # angle between the interface's normal before and after rotation with the rock
+    toward_deg: float  # azimuth toward which it tilted
+    moved_m: float  # displacement of the vertex that moved farthest
+    height_m: float  # of the rock in the scene
+
+    @classmethod
+    def between(cls, scanned: Rock, settled: Rock, normal: np.ndarray) -> Settling:
+        """Settling of a rock on an interface with this upward normal, from its mesh before and after."""
+        before, after = scanned.vertices_m - scanned.com_m, settled.vertices_m - settled.com_m
+        turn, _ = Rotation.align_vectors(after, before)
+        leant = turn.apply(normal) - normal
+        return cls(
+            tilt_deg=float(np.rad2deg(2.0 * np.arcsin(min(0.5 * float(np.linalg.norm(leant)), 1.0)))),
+            toward_deg=azimuth_deg(leant),
+            moved_m=float(np.linalg.norm(settled.vertices_m - scanned.vertices_m, axis=1).max()),
+            height_m=scanned.height_m,
+        )
+
+    @property
+    def moved_deg(self) -> float:
+        """Tilt about the rock's foot that would move its top as far."""
+        return math.degrees(self.moved_m / self.height_m)
+
+    @property
+    def sentence(self) -> str | None:
+        """Sentence on the settling; None where the rock stands as scanned."""
+        if self.tilt_deg >= _REPORTED_FROM_DEG:
+            return (
+                f"the rock settles by {self.tilt_deg:.1f}° toward azimuth {self.toward_deg:.0f}° "
+                f"({self.moved_m:.2g} m at its farthest point) before it is shaken"
+            )
+        if self.moved_deg >= _REPORTED_FROM_DEG:
+            return f"the rock settles by {self.moved_m:.2g} m at its farthest point before it is shaken"
+        return None
+
+    def to_json(self) -> dict[str, Any]:
+        """Fields and sentence, for `run.json`."""
+        return {**asdict(self), "sentence": self.sentence}
+
 
 class Settlings(dict[tuple[float, float], Settling | InputError]):
     """Settling of a nominal rock for each friction, static and kinetic, or the reason why it does not stand."""
 
     @classmethod
-    def of(cls, campaign: Campaign, scene: Scene) -> "Settlings":
+    def of(cls, campaign: Campaign, scene: Scene) -> Settlings:
         """Settle the rock with each friction of a campaign."""
         found = cls()
         for static, kinetic in sorted(set(campaign.friction)):
@@ -129,7 +181,7 @@ class Settled:
     settling: Settling
 
     @classmethod
-    def of(cls, scene: Scene) -> "Settled":
+    def of(cls, scene: Scene) -> Settled:
         """Settle the rock of a scene; InputError if it does not stand."""
         stands = settled(scene)
         return cls(scene, stands, Settling.between(scene.rock, stands.rock, scene.pedestal.normal))

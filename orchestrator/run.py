@@ -11,7 +11,6 @@ from typing import Any
 
 from distributed import Client
 
-from toppling.orchestrator.compiling import COMPILING, is_compiled
 from toppling.orchestrator.context import JobSelection, ProgressCallback, RunProgress, Stage, Work
 from toppling.orchestrator.dask_cluster import make_ready
 from toppling.orchestrator.dispatch import USUAL_LIMITS, Limits
@@ -21,7 +20,7 @@ from toppling.orchestrator.leaving import leaving_in_order
 from toppling.orchestrator.plan import Plan
 from toppling.orchestrator.run_folder import note, prepare, remarks, session, set_jobs
 from toppling.orchestrator.studies.conditioning import Weighing
-from toppling.orchestrator.task import versions
+from toppling.orchestrator.task import COMPILING, is_compiled, versions
 from toppling.results.store import RESULTS_FILE, attempts_with, compact, finished_ids, result_files
 from toppling.workers.compile_once import compile_apart
 from toppling.workers.engines import ENGINES

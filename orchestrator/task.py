@@ -1,4 +1,4 @@
-"""Tasks of a worker: load a run's scene and ensemble once, then shake job after job."""
+"""Tasks of a worker: compile, load a run's scene and ensemble once, then shake job after job."""
 
 import asyncio
 import faulthandler
@@ -18,23 +18,47 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 from distributed import get_worker
 
+from toppling.models.compiled import COMPLETE, FOLDER
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
+from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.orchestrator.code_identity import code, processor, single_blas_thread
-from toppling.orchestrator.compiling import is_compiled, shake_a_block
 from toppling.orchestrator.delivery import StorageError, delivered, forget
 from toppling.orchestrator.leaving import LEAVING
 from toppling.results.store import table_of
 from toppling.workers.engines import DEFAULT, ENGINES
 from toppling.workers.job import Assets, JobSpec, identity, run_job
 from toppling.workers.options import PHYSICS_VERSION
-from toppling.workers.shaking import compile_once
+from toppling.workers.shaking import compile_once, shake
 
 log = logging.getLogger(__name__)
+
+COMPILING = "compiling, once for this machine"
+"""Description of the activity for progress displays."""
+
+
+def is_compiled() -> bool:
+    """Whether the compiled code is in the cache of this machine."""
+    return FOLDER is not None and (FOLDER / COMPLETE).exists()
+
+
+def shake_a_block() -> None:
+    """Load the compiled code into this process; where it cannot be cached, compile it."""
+    shake(Scene.block(0.2, 0.2, 0.6), Motion(np.sin(np.mgrid[0:99, 0:3][0]), 0.01))
+
+
+def warn_of_no_cache() -> None:
+    """Warn that each process compiles, where there is no folder for compiled code."""
+    if FOLDER is None:
+        log.warning(
+            "compiled code cannot be cached: each process compiles first. TOPPLING_CACHE names a folder for the cache"
+        )
+
 
 _ENGINE_LOCK = threading.Lock()
 """Lock of the engine, which is single per process: jobs of workers with several threads must wait for it."""

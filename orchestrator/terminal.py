@@ -1,14 +1,23 @@
-"""Removal of escape sequences and control characters of files and names from terminal output.
+"""Terminal output: plain text of what files and names hold, and progress.
 
-They could move the cursor, hide lines, change the window's title, or make the terminal send input.
+Escape sequences and control characters, which are removed, could move the cursor, hide lines, change the window's
+title, or make the terminal send input. Progress is a bar; in a log one line after ten seconds, and one per minute.
 """
+
+from __future__ import annotations
 
 import io
 import re
 import sys
-from collections.abc import Iterator
+import threading
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any, TextIO
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, TextIO
+
+if TYPE_CHECKING:
+    from toppling.orchestrator.context import ProgressCallback, RunProgress
 
 _CONTROL = re.compile(
     r"\x1b\[[0-?]*[ -/]*[@-~]|\x9b[0-?]*[ -/]*[@-~]"  # control sequences: colours, cursor positions
@@ -66,6 +75,166 @@ def plain_streams() -> Iterator[None]:
             plain.flush()
 
 
-def terminal_of(stream: Any) -> Any:
+def _terminal_of(stream: Any) -> Any:
     """Underlying terminal of a filtered stream; any other stream unchanged."""
     return getattr(stream, "terminal", stream)
+
+
+_FIRST_LINE_S = 10.0
+"""Time before the first line in a log, s."""
+_LINE_EVERY_S = 60.0
+"""Interval between lines, s."""
+
+
+@dataclass
+class Advance:
+    """Counter of the finished parts of a piece of work, called after each part."""
+
+    what: str
+    total: float | None
+    done: float = 0.0
+    before: float = 0.0  # of the finished parts those of an earlier session
+    doing: str = ""
+    began: float = field(default_factory=time.monotonic)
+    show: Callable[[Advance], object] = lambda _: None
+
+    def __call__(self, parts: float = 1, doing: str = "", *, total: float | None = None) -> None:
+        """Add finished parts, and set the name of the next one."""
+        self.done += parts
+        self.doing = doing or self.doing
+        self.total = self.total if total is None else total
+        self.show(self)
+
+    @property
+    def left(self) -> str:
+        """Time left at the mean pace; empty where it is not known."""
+        new = self.done - self.before
+        if not self.total or new <= 0 or self.done >= self.total:
+            return ""
+        return f"{duration((time.monotonic() - self.began) * (self.total - self.done) / new)} left"
+
+    @property
+    def line(self) -> str:
+        """Progress in one line."""
+        counted = f"{self.done:,.10g}" if self.done else ""  # indivisible work has no count
+        of = counted if self.total is None else f"{self.done:,.10g} of {self.total:,.10g}"
+        shown = [
+            f"{self.what}: {of}" if of else self.what,
+            self.doing,
+            duration(time.monotonic() - self.began),
+            self.left,
+        ]
+        return "  ".join(filter(None, shown))
+
+
+@contextmanager
+def bar(
+    what: str,
+    total: float | None = None,
+    *,
+    first_line_s: float = _FIRST_LINE_S,
+    line_every_s: float = _LINE_EVERY_S,
+) -> Iterator[Advance]:
+    """Show progress on stderr, as a bar on a terminal or as lines in a log, one more for each new activity.
+
+    what: label before the numbers.
+    total: number of parts of the work; None if unknown.
+    first_line_s: time before the first line in a log, s; shorter work logs nothing.
+    """
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+
+    console = Console(file=_terminal_of(sys.stderr))
+    advance = Advance(what, total)
+    if console.is_terminal:
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[left]}"),
+        )
+        with Progress(*columns, console=console, transient=True) as shown:
+            task = shown.add_task(what, total=total, left="")
+            advance.show = lambda state: shown.update(
+                task,
+                completed=state.done,
+                total=state.total,
+                description=plain_text(f"{state.what} {state.doing}".rstrip()),
+                left=state.left,
+            )
+            yield advance
+        return
+    ended, named = threading.Event(), [what]
+
+    def print_line() -> None:
+        console.print(plain_text(advance.line), soft_wrap=True, markup=False, highlight=False)
+
+    def print_lines() -> None:
+        wait_s = first_line_s
+        while not ended.wait(wait_s):
+            wait_s = line_every_s
+            print_line()
+
+    def show(state: Advance) -> None:
+        if state.what != named[-1]:
+            named.append(state.what)
+            print_line()
+
+    advance.show = show
+    printer = threading.Thread(target=print_lines, name="progress", daemon=True)
+    printer.start()
+    try:
+        yield advance
+    finally:
+        ended.set()
+        printer.join()
+
+
+@contextmanager
+def watcher() -> Iterator[ProgressCallback]:
+    """Show the progress of a run on stderr, as a bar on a terminal or as lines in a log."""
+    with bar("shaking") as advance:
+
+        def watch(run: RunProgress) -> None:
+            advance.what, advance.total, advance.doing = run.what, run.total, pace_and_counts(run)
+            advance.done, advance.before, advance.began = run.before + run.done, run.before, run.began
+            advance.show(advance)
+
+        yield watch
+
+
+def pace_and_counts(progress: RunProgress) -> str:
+    """Rate, toppled and failed jobs of a session in one line; empty before its first job."""
+    if not progress.done:
+        return ""
+    since = f"of {progress.done} now " if progress.before else ""
+    return f"{pace(progress.rate)}  {since}{progress.toppled} toppled  {progress.failed} failed"
+
+
+def pace(rate_per_s: float) -> str:
+    """Format a rate of jobs per second, or per minute or hour if it is low.
+
+    Examples
+    --------
+    >>> pace(12.34), pace(0.24)
+    ('12.3/s', '14.4/min')
+    """
+    for rate, unit in ((rate_per_s, "s"), (60.0 * rate_per_s, "min")):
+        if rate >= 1.0:
+            return f"{rate:.{1 if rate < 1000.0 else 0}f}/{unit}"
+    return f"{3600.0 * rate_per_s:.1f}/h"
+
+
+def duration(seconds: float) -> str:
+    """Format a duration in seconds, minutes or hours.
+
+    Examples
+    --------
+    >>> duration(75), duration(3700)
+    ('1 min 15 s', '1 h 01 min')
+    """
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    if hours:
+        return f"{hours} h {minutes:02d} min"
+    return f"{minutes} min {rest:02d} s" if minutes else f"{rest} s"

@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from toppling.models.arrays import Array
 from toppling.models.motions.motion import Motion
+from toppling.models.rock import Trajectory
 from toppling.models.scene import Scene
-from toppling.models.trajectory import Trajectory
 from toppling.results.schema import described_table
 
 STILL_FRACTION = 1e-3

@@ -15,11 +15,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 
-from toppling.models.arrays import Array
+from toppling.models.arrays import Array, effective_number
 from toppling.models.errors import InputError, refusals
 from toppling.models.files.digest import read_table, write_table
 from toppling.models.files.documents import read_toml
-from toppling.models.proportions import effective_number
 from toppling.results.run_integrity import CAMPAIGN_FILE, check_plan_id
 from toppling.results.schema import SCHEMA
 

@@ -10,8 +10,8 @@ import numpy as np
 from toppling.models.compiled import Array
 from toppling.models.frames import azimuth_deg
 from toppling.models.ground.points import LARGEST_OPEN_TILT_DEG, ContactModel
+from toppling.models.rock import Trajectory
 from toppling.models.statics import TOPPLED_FALL, TOPPLED_TILT_DEG
-from toppling.models.trajectory import Trajectory
 from toppling.workers import quaternion
 from toppling.workers.problem import Problem
 from toppling.workers.termination import FALLS, Observation, is_displaced

@@ -55,10 +55,10 @@ def plain_frame(frame: Any) -> Any:
     return cells.rename(columns=plain, index=plain)
 
 
-def write_csv(frame: Any, target: Path, *, digits: int | None = 6, index: bool = False) -> Path:
+def write_csv(frame: Any, target: Path, *, digits: int | None = 6) -> Path:
     """Write a pandas frame with plain cells; the file appears complete or not at all."""
     with new_file(target) as hidden:
-        plain_frame(frame).to_csv(hidden, index=index, float_format=digits and f"%.{digits}g")
+        plain_frame(frame).to_csv(hidden, index=False, float_format=digits and f"%.{digits}g")
     return target
 
 
@@ -243,3 +243,37 @@ def _plain(cell: str, decimal: str, thousands: str | None) -> str:
     if (decimal == "." and thousands is None) or not is_number(cell):
         return cell
     return cell.replace(thousands or "", "").replace(decimal, ".")
+
+
+_PAIR = re.compile(r"\b(\w++)=('[^']*'|\"[^\"]*\"|\[[^\]]*\]|\([^)]*\)|[^,]*)")
+
+
+def openquake_values(line: str) -> dict[str, str]:
+    r"""Key-value pairs in the first line of OpenQuake's CSV files, since engine 3 in one quoted cell.
+
+    Without quotes; lists keep their brackets.
+
+    Examples
+    --------
+    >>> openquake_values('#,,"kind=\'mean\', investigation_time=50.0, weights=[0.4, 0.6]"')
+    {'kind': 'mean', 'investigation_time': '50.0', 'weights': '[0.4, 0.6]'}
+    """
+    # Quotes inside a quoted CSV cell are doubled.
+    text = line.lstrip("#,;\t ").strip()
+    if text.startswith('"'):
+        text = text[1:].removesuffix('"').replace('""', '"')
+    return {key: value.strip().strip("'\"") for key, value in _PAIR.findall(text)}
+
+
+def listed_numbers(text: str) -> list[float]:
+    """Parse a list of numbers; empty if it is invalid.
+
+    Examples
+    --------
+    >>> listed_numbers("[5.0, 6.0]")
+    [5.0, 6.0]
+    """
+    try:
+        return [float(word) for word in text.strip("[]() ").split(",") if word.strip()]
+    except ValueError:
+        return []

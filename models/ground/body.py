@@ -24,10 +24,9 @@ from toppling.models.ground.pairs import Lists, empty_lists
 from toppling.models.ground.plane import NO_POINTS
 from toppling.models.ground.rolling import FIRST_KEY, NO_ROLLING, rolling_surface
 from toppling.models.ground.stepping import Grounded, contacts_at, work_room
-from toppling.models.pedestal import Pedestal
+from toppling.models.pedestal import TOPPLED_TILT_DEG, Pedestal
 from toppling.models.rock import Rock
-from toppling.models.rounded.smooth_mesh import patches_of, smooth_mesh_of
-from toppling.models.support import TOPPLED_TILT_DEG
+from toppling.models.smooth_mesh import patches_of, smooth_mesh_of
 
 GROUND_REACH = 4.0
 """Ground within this many R of the rock is looked at."""

@@ -25,10 +25,9 @@ import numpy as np
 from toppling.models.compiled import Array, Indices, Vector, compiled, inner
 from toppling.models.frames import horizontal_unit_vector, plane_axes
 from toppling.models.ground.rigid import dot, minus, plus, turned, turned_back
-from toppling.models.pedestal import Pedestal
+from toppling.models.pedestal import CONTACT_SHARE_OF_HEIGHT, TOPPLED_FALL, TOPPLED_TILT_DEG, Pedestal
 from toppling.models.relief import contact_feet_m
 from toppling.models.rock import Rock
-from toppling.models.support import CONTACT_SHARE_OF_HEIGHT, TOPPLED_FALL, TOPPLED_TILT_DEG
 
 _VERTEX_STEP_RAD = 2e-3  # rotation about a single vertex between updates of the direction of fall
 _PAST_THE_EDGE = 1e-9  # relative excess of the acceleration over lift-off, which sets the direction of fall

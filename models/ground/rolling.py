@@ -1,7 +1,7 @@
 """Contacts of a rock with a rounded base with the plane z = 0: the lowest place of each smooth part, and points.
 
 A part touches with one place, which moves over it and along its border as the rock rolls: where its patches
-(:mod:`models.rounded.smooth_mesh`) are lowest. It is looked for from the patch that was lowest last, from neighbour to
+(:mod:`models.smooth_mesh`) are lowest. It is looked for from the patch that was lowest last, from neighbour to
 neighbour. Compiled.
 """
 
@@ -15,7 +15,7 @@ import numpy as np
 from toppling.models.compiled import Array, Indices, Vector, inner
 from toppling.models.ground.pairs import moved_m
 from toppling.models.ground.rigid import dot, minus, plus, rotation_of, turned
-from toppling.models.rounded.smooth_mesh import SINGULAR, Patches
+from toppling.models.smooth_mesh import SINGULAR, Patches
 
 _MOST_PATCHES = 200
 """Maximum number of patches that the search for the lowest place crosses."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from toppling.models.arrays import Array
+from toppling.models.arrays import Array, effective_number
 from toppling.models.errors import InputError
 from toppling.models.frames import STANDARD_GRAVITY_M_S2
 from toppling.models.hidden_base.evidence import (
@@ -29,7 +29,6 @@ from toppling.models.hidden_base.observed import HiddenPart, hidden_part, relief
 from toppling.models.hidden_base.statics import BAND_PER_HEIGHT, DrawStatics, base_taken
 from toppling.models.hidden_base.unseen_base import BaseDraw, UnseenBase
 from toppling.models.pedestal import Pedestal
-from toppling.models.proportions import effective_number
 from toppling.models.rock import Rock
 from toppling.models.scan.hints_file import FLAT, KINDS, ROUGH, ROUNDED
 from toppling.models.scan.interface import Interface

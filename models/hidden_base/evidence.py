@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.special import logsumexp
 
-from toppling.models.arrays import Array
+from toppling.models.arrays import Array, effective_number
 from toppling.models.hidden_base.gap import Base, GapDraw, Relief, flat_log_likelihood, side_raised
 from toppling.models.hidden_base.observed import (
     LEVEL_PER_WIDTH,
@@ -16,7 +16,6 @@ from toppling.models.hidden_base.observed import (
     HiddenPart,
     over_both,
 )
-from toppling.models.proportions import effective_number
 from toppling.models.scan.hints_file import FLAT, KINDS, ROUGH, ROUNDED
 
 EFFECTIVE_SHARE = 0.2

@@ -9,11 +9,10 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, NoReturn
 
-from toppling.models import openquake
 from toppling.models.errors import InputError
 from toppling.models.files.documents import listed, read_json, shown
 from toppling.models.files.given import text_given
-from toppling.models.files.table import Table, is_numeral, no_table
+from toppling.models.files.table import Table, is_numeral, listed_numbers, no_table, openquake_values
 from toppling.models.motions.ensemble import Ensemble
 
 _TRACE = "T"
@@ -65,7 +64,7 @@ def read_deaggregation(table: Path, imt: str | None = None, poe: float | None = 
     """
     file = Table.read(table)
     first = file.lines[0] if file.lines else ""
-    if first.startswith("imt,") or openquake.header_values(first):
+    if first.startswith("imt,") or openquake_values(first):
         return _openquake(file, imt, poe)
     if imt is not None or poe is not None:
         _refuse("deaggregation.choice_needless", table, "is of one motion, so that there is none to choose",
@@ -163,11 +162,11 @@ def _widths(table: Path, distances_km: Sequence[float], magnitudes: Sequence[flo
 
 def _openquake(file: Table, imt: str | None, poe: float | None) -> Deaggregation:
     """Bins of OpenQuake: values are probabilities in the investigation time; bins combine as independent events do."""
-    table, stated = file.path, openquake.header_values(file.lines[0]) if file.lines[0].startswith("#") else {}
+    table, stated = file.path, openquake_values(file.lines[0]) if file.lines[0].startswith("#") else {}
     lacks = ": a deaggregation over magnitude and distance is needed"
     remedy = "give Mag_Dist, as disagg_outputs = Mag_Dist writes it"
     header, records = _records(file, {"imt", "poe", "mag", "dist"}, lacks, remedy)
-    edges = [openquake.numbers(stated.get(f"{name}_bin_edges", "")) for name in ("mag", "dist")]
+    edges = [listed_numbers(stated.get(f"{name}_bin_edges", "")) for name in ("mag", "dist")]
     if not all(len(bin_edges) > 1 and all(a < b for a, b in pairwise(bin_edges)) for bin_edges in edges):
         what = "states no mag_bin_edges and dist_bin_edges in its first line"
         _refuse("deaggregation.edges_missing", table, what, "give the file as it was written")
@@ -217,7 +216,7 @@ def _weights(table: Path, header: Sequence[str], stated: dict[str, str]) -> dict
     if "mean" in header:
         return {"mean": 1.0}
     columns = [name for name in header if name.startswith("rlz")]
-    weights = openquake.numbers(stated.get("weights", "")) or ([1.0] if len(columns) == 1 else [])
+    weights = listed_numbers(stated.get("weights", "")) or ([1.0] if len(columns) == 1 else [])
     if len(columns) == 1 and len(weights) != 1:
         weights = [1.0]
     if not columns or len(weights) != len(columns) or not math.isclose(math.fsum(weights), 1.0, rel_tol=1e-3):

@@ -3,7 +3,9 @@
 import importlib
 from typing import Any
 
-from toppling.models import matplotlib_alone as matplotlib_alone
+from toppling.models.alone import import_alone
+
+import_alone("matplotlib.path", "matplotlibrc")
 
 
 class _OnFirstUse:

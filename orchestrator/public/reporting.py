@@ -103,8 +103,7 @@ def report(
     from toppling.orchestrator.public.constraining import HazardQuestion, read_tree
     from toppling.orchestrator.public.rocks import apart_km
     from toppling.results.drawing.report.content import Content
-    from toppling.results.drawing.report.sections import SECTIONS
-    from toppling.results.drawing.report.write import provenance, report_page, write_pdf
+    from toppling.results.drawing.report.page import SECTIONS, provenance, report_page, write_pdf
     from toppling.results.hazard.ages import age_given, parse_age
 
     if hazard and not age:

@@ -162,9 +162,9 @@ def _weighed(path: Path, jobs: pd.DataFrame, recorded: Recorded, own: Weights | 
     """Weights of a run's bases updated by further survived motions; the shakes are not stored."""
     from toppling.orchestrator.campaign import Campaign
     from toppling.orchestrator.cluster import local
-    from toppling.orchestrator.progress import watcher
     from toppling.orchestrator.run import run as shaken
     from toppling.orchestrator.studies.conditioning import joined, refuse_counted, weigh, weighing
+    from toppling.orchestrator.terminal import watcher
 
     if own:
         refuse_counted(own, recorded)

@@ -15,14 +15,13 @@ from toppling.models.caching import Described
 from toppling.models.files.stores import at_hand, sole_writer
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
-from toppling.models.settling import Settling
 from toppling.orchestrator.advice import shaking_warnings, warnings_of
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.dispatch import USUAL_LIMITS, Limits
 from toppling.orchestrator.plan import Plan, plan_of
 from toppling.orchestrator.plan import plan as expand
 from toppling.orchestrator.public import unseen
-from toppling.orchestrator.rocks_of_run import Settlings, scene_entries, settlings_of
+from toppling.orchestrator.rocks_of_run import Settling, Settlings, scene_entries, settlings_of
 from toppling.orchestrator.run_folder import claimed
 from toppling.results.reader import Run
 

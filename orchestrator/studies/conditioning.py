@@ -16,9 +16,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from toppling.models.arrays import Array
+from toppling.models.arrays import Array, jeffreys_mean
 from toppling.models.errors import InputError
-from toppling.models.proportions import jeffreys_mean
 from toppling.models.scene import Scene
 from toppling.orchestrator import recorded as stood
 from toppling.orchestrator.campaign import Campaign

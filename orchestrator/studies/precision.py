@@ -18,9 +18,8 @@ from toppling.orchestrator.journal import log_event
 from toppling.orchestrator.plan import Plan, Rows
 from toppling.orchestrator.run_folder import set_jobs
 from toppling.results.analysis.resampling import narrowed_by
-from toppling.results.precision.design import Pool, Rounds, statement_of, write_statements
+from toppling.results.precision.design import Pool, Rounds, Target, statement_of, write_statements
 from toppling.results.precision.probit import answers_of
-from toppling.results.precision.target import Target
 from toppling.results.reader import open_run
 
 _CONTACT = ("friction_static", "friction_kinetic", "restitution")

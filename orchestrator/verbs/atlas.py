@@ -11,8 +11,8 @@ from toppling.models.errors import InputError
 from toppling.models.files.folder import write_text
 from toppling.models.files.table import write_csv
 from toppling.models.motions.measures import COMPARED
-from toppling.orchestrator.progress import bar
 from toppling.orchestrator.run_folder import place_in
+from toppling.orchestrator.terminal import bar
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import option
 from toppling.results.analysis import HEADLINE_MEASURE, SAMPLES
@@ -95,7 +95,7 @@ def _rocks_of(opened: list[Run]) -> list[Run]:
 def _write_reports(rocks: list[Run], samples: int) -> None:
     from toppling.results.drawing.report.content import Content
     from toppling.results.drawing.report.gallery_page import REPORT
-    from toppling.results.drawing.report.write import report_page
+    from toppling.results.drawing.report.page import report_page
 
     with bar("reports", len(rocks)) as advance:
         for rock in rocks:

@@ -36,10 +36,10 @@ def audit(run: Path, jobs: int, take_over: bool, as_json: bool, **where: Any) ->
     from toppling.orchestrator.dask_cluster import check_workers
     from toppling.orchestrator.journal import journal
     from toppling.orchestrator.plan import plan_of
-    from toppling.orchestrator.progress import watcher
     from toppling.orchestrator.studies.audit import audit as carry_out
     from toppling.orchestrator.studies.audit import check_versions, drawn
     from toppling.orchestrator.task import versions
+    from toppling.orchestrator.terminal import watcher
     from toppling.results.analysis.audit_statistics import audits_json, audits_of
     from toppling.results.reader import open_run
     from toppling.results.run_integrity import LEAST_JOBS

@@ -11,7 +11,7 @@ import click
 
 from toppling.models.files.documents import MOST_SHOWN
 from toppling.orchestrator.cli import OneOf
-from toppling.orchestrator.progress import bar
+from toppling.orchestrator.terminal import bar
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.records import show_notes, show_table
 from toppling.orchestrator.verbs.shared_options import of, option

@@ -124,8 +124,8 @@ def _plan(out: Path, workers: int, seconds: float) -> None:
 
 
 def _run(out: Path, workers: int) -> int:
-    from toppling.orchestrator.progress import watcher
     from toppling.orchestrator.public.running import run
+    from toppling.orchestrator.terminal import watcher
 
     _say(f"run: starting {workers} workers")
     with watcher() as watch:
@@ -147,7 +147,7 @@ def _draw(out: Path) -> list[Path]:
 
 
 def _print_result(out: Path, figures: Iterable[Path], took_s: float) -> None:
-    from toppling.orchestrator.progress import duration
+    from toppling.orchestrator.terminal import duration
     from toppling.results.drawing.report.content import Content
     from toppling.results.drawing.report.headline import answer
     from toppling.results.reader import open_run

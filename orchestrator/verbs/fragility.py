@@ -8,7 +8,7 @@ import click
 from click.core import ParameterSource
 
 from toppling.models.errors import InputError, counted
-from toppling.orchestrator.progress import bar
+from toppling.orchestrator.terminal import bar
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import of, option
 from toppling.results.analysis import DIRECTION_BINS, HEADLINE_MEASURE, SAMPLES
@@ -74,7 +74,7 @@ def _print_result(drawn: "Fragility", *, weighted: bool) -> None:
     from toppling.results.analysis.fits import answered
     from toppling.results.analysis.fragility import by_contact, contact_words
     from toppling.results.analysis.resampling import narrowed_by
-    from toppling.results.drawing.fit_figures import fit_words
+    from toppling.results.drawing.run_figures import fit_words
     from toppling.results.drawing.sentences import what_topples
 
     jobs = drawn.jobs

@@ -12,7 +12,7 @@ import click
 
 from toppling.models.errors import InputError, counted
 from toppling.models.files.folder import refuse_existing, write_text
-from toppling.orchestrator.progress import bar, duration
+from toppling.orchestrator.terminal import bar, duration
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import option
 

@@ -12,7 +12,7 @@ import click
 from toppling.models.errors import InputError
 from toppling.models.files.folder import write_text
 from toppling.models.files.table import write_csv
-from toppling.orchestrator.progress import bar
+from toppling.orchestrator.terminal import bar
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import option
 from toppling.results.analysis import SAMPLES

@@ -34,8 +34,8 @@ def plan(campaign: Path, table: Path | None, no_estimate: bool, as_json: bool) -
 
     chosen = Campaign.read(campaign)  # an invalid campaign is refused before slow imports
     from toppling.orchestrator.pilot import estimate, words_of
-    from toppling.orchestrator.progress import bar
     from toppling.orchestrator.public.running import plan as expand
+    from toppling.orchestrator.terminal import bar
 
     shared.compile_first()
     with bar("letting rocks stand, counting jobs"):

@@ -11,7 +11,7 @@ from toppling.models.errors import InputError, counted
 from toppling.models.files.documents import MOST_SHOWN
 from toppling.models.files.folder import instead
 from toppling.orchestrator.cli import OneOf, Verbs
-from toppling.orchestrator.progress import bar
+from toppling.orchestrator.terminal import bar
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import option
 

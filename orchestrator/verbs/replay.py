@@ -9,8 +9,8 @@ import pyarrow.compute as pc
 
 from toppling.models.errors import InputError
 from toppling.models.files.digest import check, read_table
-from toppling.orchestrator.progress import bar
 from toppling.orchestrator.run_folder import place_in
+from toppling.orchestrator.terminal import bar
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import option
 from toppling.results.reader import Run, open_run

@@ -5,7 +5,7 @@ from typing import Any
 
 import click
 
-from toppling.orchestrator.progress import bar
+from toppling.orchestrator.terminal import bar
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import SITE_HELP, SiteCommand, of, option, values_option
 from toppling.results.analysis import SAMPLES

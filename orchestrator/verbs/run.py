@@ -14,6 +14,7 @@ from toppling.models.errors import InputError
 from toppling.models.files.stores import named
 from toppling.orchestrator.dispatch import Limits
 from toppling.orchestrator.interrupt import INTERRUPTED, signals_as_stop
+from toppling.orchestrator.processes import started_ahead
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import (
     cluster_of,
@@ -22,7 +23,6 @@ from toppling.orchestrator.verbs.shared_options import (
     of_batch_job,
     option,
 )
-from toppling.orchestrator.worker_start import started_ahead
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -186,8 +186,8 @@ def _carry_out(
 ) -> "CarriedOut":
     """Do the jobs; if that ends early, say how to resume the run."""
     from toppling.orchestrator.context import RunError
-    from toppling.orchestrator.progress import watcher
     from toppling.orchestrator.public.running import run as carry_out
+    from toppling.orchestrator.terminal import watcher
 
     try:
         with signals_as_stop(), watcher() as watch:
@@ -206,8 +206,8 @@ def _carry_out(
 def _print_result(chosen: "Campaign", folder: Path, shaken: "CarriedOut", *, as_json: bool) -> None:
     """Print what was done and the results; the exit code indicates jobs without an answer."""
     from toppling.orchestrator.advice import suggestions
-    from toppling.orchestrator.progress import duration, pace
     from toppling.orchestrator.status import level_counts, state_of
+    from toppling.orchestrator.terminal import duration, pace
     from toppling.results.analysis.unphysical import unphysical_of
 
     advice = [] if chosen.precision or chosen.sites else suggestions(level_counts(folder))

@@ -9,7 +9,7 @@ import click
 from toppling.models.errors import InputError
 from toppling.models.lengths import METRES
 from toppling.models.scan.hints_file import KEYS, KINDS, OF_CLOUDS, RIVALS, read_hints
-from toppling.orchestrator.progress import bar
+from toppling.orchestrator.terminal import bar
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import browsing_options, option, served
 

@@ -32,7 +32,7 @@ def show(folder: Path, out: Path | None) -> None:
     toppling scene show scenes/rock --out pictures
     """
     target = out or folder
-    from toppling.orchestrator.progress import bar
+    from toppling.orchestrator.terminal import bar
 
     shared.compile_first()
     with bar("scene", 3) as advance:

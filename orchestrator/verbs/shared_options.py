@@ -158,8 +158,8 @@ def served(server: "Loopback", name: str, opens: bool | None, ended: str) -> Non
 
 def compile_first() -> None:
     """Compile in another process, whose memory is then free; in this one where compiled code cannot be cached."""
-    from toppling.orchestrator.compiling import COMPILING, is_compiled, shake_a_block, warn_of_no_cache
-    from toppling.orchestrator.progress import bar
+    from toppling.orchestrator.task import COMPILING, is_compiled, shake_a_block, warn_of_no_cache
+    from toppling.orchestrator.terminal import bar
     from toppling.workers.compile_once import compile_apart
 
     warn_of_no_cache()

@@ -19,8 +19,8 @@ def status(run: Path, as_json: bool) -> None:
     \b
     toppling status runs/first
     """
-    from toppling.orchestrator.progress import duration, pace
     from toppling.orchestrator.status import state_of
+    from toppling.orchestrator.terminal import duration, pace
     from toppling.results.reader import atlas_of
 
     run = atlas_of(run) or run

@@ -18,8 +18,8 @@ import click
 from toppling.models.errors import InputError
 from toppling.models.files.documents import MOST_SHOWN
 from toppling.orchestrator.loopback import HTML, TEXT, Answers, Loopback
-from toppling.orchestrator.progress import duration, pace
 from toppling.orchestrator.status import state_of
+from toppling.orchestrator.terminal import duration, pace
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import browsing_options, served
 from toppling.results.analysis import HEADLINE_MEASURE

@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import log_ndtr, logsumexp, ndtr, ndtri, stdtrit
 
-from toppling.models.arrays import AT_ONCE, Array, Flags, Indices
+from toppling.models.arrays import AT_ONCE, Array, Flags, Indices, effective_number
 from toppling.models.hidden_base.intervals import inspection_sentence
-from toppling.models.proportions import effective_number
 from toppling.results.analysis import CONFIDENCE, SAMPLES
 from toppling.results.analysis.lognormal import (
     Fit,

@@ -1,9 +1,10 @@
 """Figures and pages, drawn from tables and scenes that other modules compute."""
 
-from toppling.models import matplotlib_alone as matplotlib_alone
+from toppling.models.alone import import_alone
+
+import_alone("matplotlib.path", "matplotlibrc")
 
 __all__ = [
-    "fit_figures",
     "hazard_figures",
     "record_figures",
     "roses",

@@ -38,7 +38,7 @@ _LEAST_RANGE = 50.0
 """Minimum ratio of the ends of the drawn rates, so that at least one power of ten is labelled."""
 
 
-def constraint_figure(constraint: Constraint, width_in: float = HALF_WIDTH_IN) -> Figure:
+def constraint_figure(constraint: Constraint) -> Figure:
     """Rates of exceedance inconsistent with the standing rocks, with hazard curves and their verdicts in the legend.
 
     constraint: constraint with ages.
@@ -51,7 +51,7 @@ def constraint_figure(constraint: Constraint, width_in: float = HALF_WIDTH_IN) -
     named = len(branches) <= MOST_NAMED
     below_in = 0.45 + 0.16 * (1 + (len(branches) if named else 1))
     with style():
-        figure, axes = _rates_axes(measure, width_in, below_in + 0.1, 0.12)
+        figure, axes = _rates_axes(measure, HALF_WIDTH_IN, below_in + 0.1, 0.12)
         shown = [_within(bound, branch.curve) for branch in branches]
         least, top = _rates_shown(bound, [rates for rates in shown if len(rates)])
         axes.fill_between(
@@ -68,7 +68,7 @@ def constraint_figure(constraint: Constraint, width_in: float = HALF_WIDTH_IN) -
                 axes, branches, weights, f"{len(branches)} hazard curves, darker with more weight{label}"
             )
         axes.set(xlim=(bound[measure].min(), bound[measure].max()), ylim=(least, top))
-        axes.set_title(ages_words(constraint.rocks, width_in))
+        axes.set_title(ages_words(constraint.rocks, HALF_WIDTH_IN))
         _legend_below(figure, axes)
     return figure
 

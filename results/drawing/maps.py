@@ -72,20 +72,16 @@ def map_figure(jobs: pd.DataFrame, plane: Plane, title: str = "") -> Figure:
 
 
 def direction_figure(
-    counted: DirectionCells,
-    title: str = "",
-    reference: pd.DataFrame | None = None,
-    width_in: float = FULL_WIDTH_IN,
+    counted: DirectionCells, title: str = "", reference: pd.DataFrame | None = None
 ) -> Figure:
     """Maps of the direction bins of the vector PGA, clockwise from north, on common axes.
 
     counted: cells by direction; bins without a record are drawn empty.
     reference: from `analysis.plane_reference.reference_lines`, for a plane of PGV/PGA and PGA.
-    width_in: width of the figure; four panels per row at full width, two at less.
     """
     plane = counted.plane
     directions = by_compass(k * 360.0 / counted.bins for k in range(counted.bins))
-    columns = min(4 if width_in >= FULL_WIDTH_IN else 2, len(directions))
+    columns = min(4, len(directions))
     lines = -(-len(directions) // columns)
     caption = [
         "Panels: compass direction of the vector PGA; azimuths counter-clockwise from east.",
@@ -93,12 +89,14 @@ def direction_figure(
         *_left_out(plane, counted.unplaced, 0),
         *_reference_text(reference),
     ]
-    letters = int(LETTERS_PER_IN * width_in)
+    letters = int(LETTERS_PER_IN * FULL_WIDTH_IN)
     caption = [part for line in caption for part in wrap(line, letters, break_on_hyphens=False)]
     with style():
         height = 0.9 + 2.1 * lines + LINE_IN * (len(caption) + bool(title))
-        figure = Figure(figsize=(width_in, height))
-        margins = _margins(width_in, height, above_in=LINE_IN * bool(title), below_in=LINE_IN * len(caption))
+        figure = Figure(figsize=(FULL_WIDTH_IN, height))
+        margins = _margins(
+            FULL_WIDTH_IN, height, above_in=LINE_IN * bool(title), below_in=LINE_IN * len(caption)
+        )
         apart = {**margins, "wspace": 0.12, "hspace": 0.32}
         grid = figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False, gridspec_kw=apart)
         for axes, direction in zip(grid.flat, directions, strict=False):

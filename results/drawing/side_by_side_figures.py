@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from toppling.models.errors import counted
 from toppling.models.scene import Scene
 from toppling.results.analysis.side_by_side import RockResults
-from toppling.results.drawing.fit_figures import draw_band
+from toppling.results.drawing.run_figures import draw_band
 from toppling.results.drawing.scene_figures import ELEVATION_DEG, draw_view
 from toppling.results.drawing.style import (
     ALARM_COLOUR,

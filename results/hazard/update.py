@@ -15,10 +15,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from toppling.models.arrays import Array
+from toppling.models.arrays import Array, effective_number
 from toppling.models.files.folder import write_text
 from toppling.models.files.table import plain
-from toppling.models.proportions import effective_number
 from toppling.results.analysis import FEW
 from toppling.results.hazard.ages import Exposure
 from toppling.results.hazard.curves import (

@@ -15,8 +15,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.special import fdtrc, log_ndtr, ndtr, stdtrit
 
-from toppling.models.arrays import Array
-from toppling.models.proportions import effective_number
+from toppling.models.arrays import Array, effective_number
 from toppling.results.analysis import FEW, NARROW_RECORDS
 from toppling.results.analysis.lognormal import LOG_ROOT_2_PI, STEPS, TOLERANCE, probit_weights
 from toppling.results.analysis.resampling import bases_of

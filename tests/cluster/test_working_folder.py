@@ -15,7 +15,7 @@ with open({mark!r}, "a") as file:
 """
 IMPORTED = """\
 import sys
-import toppling.orchestrator.task, toppling.models.files.guarded, distributed.nanny, distributed.cli.dask_worker
+import toppling.orchestrator.task, toppling.models.files.given, distributed.nanny, distributed.cli.dask_worker
 import multiprocessing.spawn, multiprocessing.resource_tracker, distributed.diskutils, distributed.security
 print("\\n".join(sorted({name.partition(".")[0] for name in sys.modules})))
 """

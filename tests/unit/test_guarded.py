@@ -16,8 +16,7 @@ from refusals import refused
 from toppling.models.files import guarded
 from toppling.models.files.guarded import read_guarded
 from toppling.models.files.mesh_files import read_triangles
-from toppling.models.motions.formats import response, seismic
-from toppling.models.motions.formats.reading import read_file
+from toppling.models.motions.formats import read_file, response, seismic
 from toppling.models.scene import Scene
 from toppling.orchestrator.cli import cli
 

@@ -30,7 +30,7 @@ ONLY_UNDER = {
     "seaborn": "results/drawing",
     "PIL": "results/drawing",
     "matplotlib": "results/drawing",
-    "numba": "models/numba_alone.py",
+    "numba": "models/compiled.py",
 }
 DOOR = "toppling.orchestrator.door"
 """Is `toppling` itself: what the orchestrator names as public is for it."""

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
+from toppling.models.pedestal import moment_arms
 from toppling.models.pivots import tips_m_s2, turn_under
 from toppling.models.scene import Scene
 from toppling.models.shapes import box
-from toppling.models.support import moment_arms
 
 G = 9.81
 DOWN = np.array([0.0, 0.0, -G])

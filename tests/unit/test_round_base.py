@@ -9,10 +9,10 @@ from reference.bodies import revolved, round_cap
 from scipy.spatial.transform import Rotation
 
 from toppling.models.rock import Rock
-from toppling.models.rounded.base import RoundedBase, refined, rounded_base_of
-from toppling.models.rounded.smooth_mesh import SmoothMesh
+from toppling.models.rounded_base import RoundedBase, refined, rounded_base_of
 from toppling.models.scene import Scene
 from toppling.models.shapes import box, cylinder
+from toppling.models.smooth_mesh import SmoothMesh
 
 G = 9.81
 UP = np.array([0.0, 0.0, 1.0])

@@ -14,11 +14,10 @@ from toppling.models.frames import horizontal_unit_vector, plane_normal
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
-from toppling.models.settling import Settling
 from toppling.models.shapes import box
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.plan import plan_of
-from toppling.orchestrator.rocks_of_run import settling_notes
+from toppling.orchestrator.rocks_of_run import Settling, settling_notes
 from toppling.orchestrator.run import run
 from toppling.orchestrator.run_folder import describe
 from toppling.results.reader import open_run

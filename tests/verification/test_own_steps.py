@@ -10,7 +10,7 @@ from toppling.models.motions.motion import Motion
 from toppling.models.pedestal import ContactProperties
 from toppling.models.scene import Scene
 from toppling.models.shapes import box, cylinder
-from toppling.workers.engines.bullet import checked_steps
+from toppling.workers.engines import bullet
 from toppling.workers.engines.protocol import StepCheckError
 from toppling.workers.options import PRESETS
 from toppling.workers.shaking import Shaking, shake
@@ -106,14 +106,14 @@ def test_looks_that_no_rule_calls_for_are_left_out_without_a_trace(monkeypatch):
 def checked_shake(monkeypatch, rock_shift_m=0.0, end_shift_m=0.0):
     """A shake whose engine has a rock that is shifted against ours, or takes it to other poses."""
     scene, motion = Scene.block(0.2, 0.25, 0.6), noise(np.random.default_rng(3), G)
-    carried_out = checked_steps.carried_out
+    carried_out = bullet.carried_out
 
     def otherwise(model, start, end, step_s):
         if rock_shift_m:
             model = dataclasses.replace(model, points_body_m=model.points_body_m + rock_shift_m)
         return carried_out(model, start, end + end_shift_m * np.eye(7)[0], step_s)
 
-    monkeypatch.setattr(checked_steps, "carried_out", otherwise)
+    monkeypatch.setattr(bullet, "carried_out", otherwise)
     return shake(scene, motion, dataclasses.replace(PRESETS["fast"], checked_steps=1.0))
 
 
@@ -121,13 +121,13 @@ def test_a_step_that_the_engine_takes_otherwise_is_an_error_of_the_job(monkeypat
     assert checked_shake(monkeypatch).engine_steps > 100
     with pytest.raises(StepCheckError) as error:
         checked_shake(monkeypatch, end_shift_m=1e-8)
-    assert error.value.allowed == checked_steps.ALLOWED
+    assert error.value.allowed == bullet.ALLOWED
 
 
 def test_a_gap_that_the_engine_finds_otherwise_is_an_error_of_the_job(monkeypatch):
     with pytest.raises(StepCheckError) as error:
         checked_shake(monkeypatch, rock_shift_m=1e-3)
-    assert error.value.allowed == checked_steps.GAP_ALLOWED
+    assert error.value.allowed == bullet.GAP_ALLOWED
 
 
 def over_ridges():
@@ -146,13 +146,13 @@ def over_ridges():
 def test_the_engine_repeats_the_steps_on_a_coarse_mesh_and_finds_their_gaps(monkeypatch):
     result = shake(over_ridges(), noise(np.random.default_rng(3), 0.8 * G), "standard")
     assert result.engine_steps > 0.9 * result.steps > 500
-    carried_out, body = checked_steps.carried_out, over_ridges().grounded
+    carried_out, body = bullet.carried_out, over_ridges().grounded
     lower = body.ground._replace(vertices_m=body.ground.vertices_m - np.array([0.0, 0.0, 1e-3]))
     moved = dataclasses.replace(body, ground=lower)
-    monkeypatch.setattr(checked_steps, "carried_out", lambda _, *steps: carried_out(moved, *steps))
+    monkeypatch.setattr(bullet, "carried_out", lambda _, *steps: carried_out(moved, *steps))
     with pytest.raises(StepCheckError) as error:
         shake(over_ridges(), noise(np.random.default_rng(3), 0.8 * G), "standard")
-    assert error.value.allowed == checked_steps.GAP_ALLOWED
+    assert error.value.allowed == bullet.GAP_ALLOWED
 
 
 def test_an_attitude_whose_quaternion_has_a_zero_is_told_from_no_other():

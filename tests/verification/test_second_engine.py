@@ -10,7 +10,7 @@ from toppling.models.ground.mesh import contact_mesh
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.models.shapes import box
-from toppling.workers.engines.mujoco.pieces import hollow_m
+from toppling.workers.engines.mujoco import hollow_m
 from toppling.workers.shaking import shake
 
 MUJOCO = {"engine": "mujoco"}

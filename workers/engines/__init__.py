@@ -1,20 +1,47 @@
 """Physics engines: a registry of what each is called, which limits it has, and how it steps a shake.
 
-An engine is described here by one entry, without importing it; its module is imported by what shakes.
+An engine is an entry here, without importing it; its module is imported by what shakes.
 """
 
 from __future__ import annotations
 
 from toppling.models.errors import InputError
-from toppling.workers.engines.bullet.description import BULLET
-from toppling.workers.engines.mujoco.description import MUJOCO
 from toppling.workers.engines.protocol import Engine
 from toppling.workers.options import PRESETS, NumericalOptions
 
 __all__ = ["DEFAULT", "ENGINES", "engine_named", "options_of", "protocol"]
 
 
-ENGINES: dict[str, Engine] = {engine.name: engine for engine in (BULLET, MUJOCO)}
+_BULLET = Engine(
+    name="pybullet",
+    title="PyBullet",
+    authors="Coumans and Bai",
+    reference=(
+        "Coumans, E., and Bai, Y. PyBullet, a Python module for physics simulation for games, robotics and machine "
+        "learning."
+    ),
+    module="toppling.workers.engines.bullet",
+    imports="pybullet",
+    step_shares={},
+)
+_MUJOCO = Engine(
+    name="mujoco",
+    title="MuJoCo",
+    authors="Todorov et al., 2012",
+    reference=(
+        "Todorov, E., Erez, T., and Tassa, Y. (2012). MuJoCo: A physics engine for model-based control. "
+        "2012 IEEE/RSJ International Conference on Intelligent Robots and Systems, 5026-5033."
+    ),
+    module="toppling.workers.engines.mujoco",
+    imports="mujoco",
+    # Its contacts converge with the first order, so the same names are finer steps.
+    step_shares={"draft": 1 / 64, "fast": 1 / 128, "standard": 1 / 256, "reference": 1 / 512},
+    restitution=False,
+    kinetic_friction=False,
+    extra="mujoco",
+)
+
+ENGINES: dict[str, Engine] = {engine.name: engine for engine in (_BULLET, _MUJOCO)}
 """Engines by name; the first is the judge, the others are extras."""
 
 DEFAULT = next(iter(ENGINES))

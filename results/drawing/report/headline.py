@@ -14,8 +14,8 @@ from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.analysis.resampling import narrowed_by
 from toppling.results.analysis.unphysical import unphysical_of
 from toppling.results.drawing import sentences
-from toppling.results.drawing.fit_figures import draw_curve, draw_fractions
 from toppling.results.drawing.report.content import Contact, Content
+from toppling.results.drawing.run_figures import draw_curve, draw_fractions
 from toppling.results.drawing.sentences import other_records, share_words, what_topples
 from toppling.results.drawing.side_by_side_figures import thumbnail
 from toppling.results.drawing.style import (

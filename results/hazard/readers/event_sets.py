@@ -13,10 +13,10 @@ import pandas as pd
 from toppling.models.errors import InputError, refusals
 from toppling.models.files import table as text
 from toppling.models.files.given import HEAD_BYTES, LONGEST_LINE_BYTES, check_lines, encoding_of, open_given
+from toppling.models.files.table import openquake_values
 from toppling.results.hazard.events import EventBranch, EventSet, EventSite
 from toppling.results.hazard.measure_names import UNSCALED, measure_of, measure_with_unit
 from toppling.results.hazard.readers.assembly import HEAD_LINES
-from toppling.results.hazard.readers.openquake_curves import header_values
 
 EVENT, SITE, BRANCH = "event_id", "site_id", "rlz_id"
 _ALIASES = {"eid": EVENT, "sid": SITE, "custom_site_id": SITE, "rlzi": BRANCH, "ordinal": BRANCH}
@@ -105,7 +105,7 @@ def opened(path: Path) -> Table | None:
     except (InputError, UnicodeDecodeError):
         return None
     skipped = head.rows[0][0] if head.rows else 0
-    keys = header_values(head.lines[0]) if skipped else {}
+    keys = openquake_values(head.lines[0]) if skipped else {}
     return Table(path, tuple(map(_named, head.names)), keys, head, skipped, encoding)
 
 

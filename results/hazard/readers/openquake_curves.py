@@ -8,7 +8,7 @@ import re
 
 import numpy as np
 
-from toppling.models.openquake import header_values
+from toppling.models.files.table import openquake_values
 from toppling.results.hazard.measure_names import imt_of
 from toppling.results.hazard.readers.assembly import HazardFile, Realisations, Stated, Statement
 
@@ -66,7 +66,7 @@ def read(file: HazardFile) -> Stated:
     header, rows = _names(file), file.rows
     if "branch_path" in header:
         return _realisations(file, header, rows)
-    return _curves(file, header_values(file.first_line), header, rows)
+    return _curves(file, openquake_values(file.first_line), header, rows)
 
 
 def _realisations(file: HazardFile, header: list[str], rows: list[tuple[int, list[str]]]) -> Realisations:

@@ -5,9 +5,9 @@ import time
 import pyarrow as pa
 import pytest
 
-from toppling.orchestrator.compiling import COMPILING
 from toppling.orchestrator.context import RunProgress
-from toppling.orchestrator.progress import Advance, bar, duration, pace, pace_and_counts, watcher
+from toppling.orchestrator.task import COMPILING
+from toppling.orchestrator.terminal import Advance, bar, duration, pace, pace_and_counts, watcher
 
 
 @pytest.mark.parametrize(("done", "elapsed_s"), [(10, 2.0), (10, 400.0), (2000, 4.0)])

@@ -8,7 +8,7 @@ from toppling.models.files.digest import write_json
 from toppling.results.analysis.fits import answered, headline
 from toppling.results.analysis.lognormal import fit
 from toppling.results.drawing.report.content import Content
-from toppling.results.drawing.report.sections import methods_section
+from toppling.results.drawing.report.page import methods_section
 from toppling.results.drawing.templates import Document
 from toppling.results.reader import open_run
 from toppling.results.schema import SCHEMA

@@ -14,9 +14,9 @@ from scipy.stats import norm
 
 from toppling.results.analysis.lognormal import fit
 from toppling.results.hazard.curves import HazardCurve
-from toppling.results.precision.design import FIRST_ROUND, Rounds, Verdict, choose, statement_of
+from toppling.results.precision import design
+from toppling.results.precision.design import FIRST_ROUND, Rounds, Target, Verdict, choose, estimate
 from toppling.results.precision.probit import Answers, fit_curve
-from toppling.results.precision.target import Target, estimate
 
 BENCHMARKS = Path(__file__).parents[3] / "benchmarks"
 START = Verdict("pgv_m_s", None, None, ended=False, reason="", jobs_needed=0)
@@ -175,7 +175,7 @@ def test_most_campaigns_that_are_no_lognormal_say_so_and_by_how_much(bench):
     assert len(told) >= 7
     found = told[0].verdict.departure
     assert abs(found.observed - found.expected) > 0.02
-    stated = statement_of(told[0], told[0].judged, 140, {})
+    stated = design.statement_of(told[0], told[0].judged, 140, {})
     assert stated["sentence"].count("the curve is not lognormal: ") == 1
     assert f"{100 * found.observed:.0f} % of {found.jobs} jobs topple" in stated["sentence"]
     assert stated["departure"]["p_value"] == found.p_value

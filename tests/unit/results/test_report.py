@@ -8,8 +8,7 @@ from seeded import THETA_M_S, row, rows
 from toppling.orchestrator.cli import cli
 from toppling.results.drawing.report.content import Content
 from toppling.results.drawing.report.headline import first_screen
-from toppling.results.drawing.report.sections import SECTIONS
-from toppling.results.drawing.report.write import report_page
+from toppling.results.drawing.report.page import SECTIONS, report_page
 from toppling.results.drawing.templates import Document
 from toppling.results.reader import open_run
 from toppling.results.store import write_part

@@ -19,7 +19,7 @@ from toppling.orchestrator.status import state_of
 from toppling.results.analysis.exchange import read_curves
 from toppling.results.drawing.report.content import Content
 from toppling.results.drawing.report.headline import first_screen
-from toppling.results.drawing.report.sections import methods
+from toppling.results.drawing.report.page import methods
 from toppling.results.drawing.templates import Document
 from toppling.results.reader import open_run
 from toppling.results.store import write_part

@@ -5,6 +5,7 @@ import pytest
 import trimesh
 from patches import LEVEL, level, upward
 
+from toppling.models.arrays import effective_number
 from toppling.models.hidden_base.evidence import (
     BEFORE,
     EFFECTIVE_SHARE,
@@ -15,7 +16,6 @@ from toppling.models.hidden_base.evidence import (
 from toppling.models.hidden_base.gap import Base, GapDraw, Underside, hidden_base
 from toppling.models.hidden_base.near_interface import NearInterface
 from toppling.models.pedestal import Pedestal
-from toppling.models.proportions import effective_number
 from toppling.models.relief import contact_feet_m
 from toppling.models.rock import Rock
 from toppling.models.scan.close import close_rock

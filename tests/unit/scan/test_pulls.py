@@ -5,13 +5,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from toppling.models.arrays import effective_number
 from toppling.models.hidden_base.draw_bases import AZIMUTHS_DEG, DRAWS, ENOUGH, interval_of
 from toppling.models.hidden_base.evidence import conditioned, pulls_log_likelihood
 from toppling.models.hidden_base.gap import resampled
 from toppling.models.hidden_base.intervals import LOOK, PULL
 from toppling.models.hidden_base.next_look import observations
 from toppling.models.hidden_base.standing import intervals
-from toppling.models.proportions import effective_number
 from toppling.models.scan.interface import Interface
 
 TURNS_DEG = np.arange(0.0, 360.0, 30.0)

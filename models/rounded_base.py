@@ -12,7 +12,7 @@ from toppling.models.arrays import Array
 from toppling.models.frames import STANDARD_GRAVITY_M_S2
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
-from toppling.models.rounded.smooth_mesh import Patches, SmoothMesh, patches_of, smooth_mesh_of
+from toppling.models.smooth_mesh import Patches, SmoothMesh, patches_of, smooth_mesh_of
 from toppling.models.statics import quasi_static_toppling_m_s2
 
 _CHANGE_SHARE = 0.02

@@ -15,9 +15,9 @@ from scipy.spatial import ConvexHull
 
 from toppling.models.arrays import Array, Flags, Indices
 from toppling.models.caching import cached
+from toppling.models.pedestal import TOPPLED_TILT_DEG
 from toppling.models.rock import Rock
 from toppling.models.shapes import joined_parts
-from toppling.models.support import TOPPLED_TILT_DEG
 
 _CREASE_DEG = 30.0
 """Two faces that meet at a larger angle form an edge, and two parts of an edge a corner."""

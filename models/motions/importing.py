@@ -145,10 +145,12 @@ def _prepared(name: str, channels: Triple, options: ImportOptions, entry: Entry 
     measures = {**record.intensity}
     if azimuths is not None:
         measures["between_horizontals_deg"] = float(apart_deg(*azimuths))
-    drift = (
-        ("its displacement still drifts after processing: doubt its PGV",) if quality == "drifting" else ()
-    )
-    found = (*warnings, *drift, *warnings_of(measures, unit, baseline))
+    if quality == "drifting":
+        warnings += ("its displacement still drifts after processing: doubt its PGV",)
+    stated_deg = [c.direction for c in channels.channels[:2] if isinstance(c.direction, float)]
+    if azimuths is None and stated_deg:
+        warnings += (f"the azimuth {stated_deg[0]:g} of one horizontal counts only with that of the other",)
+    found = (*warnings, *warnings_of(measures, unit, baseline))
     return Candidate(record, shaking, bool(corrected), found)
 
 

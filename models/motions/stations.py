@@ -21,7 +21,7 @@ _SHARED_LENGTH = 0.8
 """Components that share less than this of the longest are not cut to what they share, but refused."""
 _NAME = re.compile(
     r"^(?P<series>.*?)[._\- ]*"
-    r"(?P<label>[A-Z]{0,2}[ENZ]|NS\d?|EW\d?|UD\d?|UP|DWN|(?<![A-Z\d])(?:EO|[NS]\d{1,2}[EW])|VERT(?:ICAL)?|[LTV]|H1|H2|\d{3})$",
+    r"(?P<label>(?:[A-Z][GHLN])?[ENZ]|NS\d?|EW\d?|UD\d?|UP|DWN|(?<![A-Z\d])(?:EO|[NS]\d{1,2}[EW])|VERT(?:ICAL)?|[LTV]|H1|H2|\d{3})$",
     re.IGNORECASE,
 )
 
@@ -51,6 +51,8 @@ def grouped(components: Iterable[Component]) -> list[list[Component]]:
 def triple(group: Sequence[Component]) -> Triple:
     """Find the horizontals and the vertical of one station.
 
+    Horizontals that no bearing tells apart are in the order of their labels: X before Y, H1 before H2.
+
     Raises InputError if there are not exactly two horizontal channels and at most one vertical.
     """
     vertical = [c for c in group if _direction(c) in (UP, DOWN)]
@@ -66,6 +68,8 @@ def triple(group: Sequence[Component]) -> Triple:
             if len({c.path for c in group}) > 1 or len(group) < 3
             else "export each channel as a file of its own, and name them h1, h2 and v in the metadata table",
         )
+    if not any(isinstance(_direction(c), float) for c in horizontal):
+        horizontal.sort(key=lambda c: c.label or _name_series(c)[1])
     return Triple(*horizontal, *vertical)
 
 
@@ -82,7 +86,10 @@ def oriented(channels: Triple) -> tuple[Motion, tuple[float, float] | None, tupl
     step, series, history = _aligned(channels)
     bearings = _direction(channels.first), _direction(channels.second)
     azimuths = None
-    if isinstance(bearings[0], float) and isinstance(bearings[1], float):
+    names = {
+        _name_series(c)[0] for c in (channels.first, channels.second) if c.direction is None and not c.label
+    }
+    if isinstance(bearings[0], float) and isinstance(bearings[1], float) and len(names) < 2:
         azimuths = ((90.0 - bearings[0]) % 360.0, (90.0 - bearings[1]) % 360.0)
         angle = np.deg2rad(azimuths)
         if abs(np.sin(angle[1] - angle[0])) < np.sin(np.deg2rad(_LEAST_ANGLE_DEG)):
@@ -126,7 +133,7 @@ def _direction(component: Component) -> float | str | None:
     if component.direction is not None or component.label:
         return component.direction
     label = _name_series(component)[1].upper()
-    return code_direction(label[-1] if re.fullmatch(r"[A-Z]{2}[ENZ]", label) else label)
+    return code_direction(label[-1] if re.fullmatch(r"[A-Z][GHLN][ENZ]", label) else label)
 
 
 def _key(component: Component) -> tuple:
@@ -176,11 +183,14 @@ def _aligned(channels: Triple) -> tuple[float, np.ndarray, list[str]]:
             component.refuse("record.step_contradicted",
                 f"the time step is {component.time_step_s:g} s, that of {parts[0].path.name} is {step:g} s",
                 "one time step for all components", "resample the components to one step first")  # fmt: skip
-    starts = [c.start_s for c in parts]
-    skip = [0] * len(parts)
-    if all(start is not None for start in starts):
-        latest = max(start for start in starts if start is not None)
-        skip = [round((latest - (start or 0.0)) / step) for start in starts]
+    silent = [c for c in parts if c.start_s is None]
+    latest = max((c.start_s for c in parts if c.start_s is not None), default=0.0)
+    skip = [round((latest - (latest if c.start_s is None else c.start_s)) / step) for c in parts]
+    if any(skip) and silent:
+        silent[0].refuse("record.start_missing",
+            "the file does not say when it begins, and the others begin at different times",
+            "the time of the first sample in the file of every component",
+            "cut all components to one beginning first")  # fmt: skip
     count = min(len(c.acceleration_m_s2) - s for c, s in zip(parts, skip, strict=True))
     if count < 2:
         parts[0].refuse("record.no_common_time", "the components have no time in common",

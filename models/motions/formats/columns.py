@@ -25,6 +25,7 @@ from toppling.models.motions.formats.record_text import (
     Counted,
     RecordText,
     check_stated,
+    first_found,
     parted,
     stated_step_s,
     stated_unit,
@@ -87,6 +88,10 @@ _DERIVED = re.compile(
     re.IGNORECASE,
 )
 """Names of quantities derived from accelerations, and of other sensors."""
+_INTEGRATED, _ACCELERATED = (
+    re.compile(words, re.IGNORECASE) for words in (r".*\b(?:velocity|displacement)\b.*", "acc|acel")
+)
+"""Text above that tells of velocity, and of acceleration."""
 _OTHER_UNIT = re.compile(r"(?:rad|deg|°)/s|dps|°?[cf]|[hk]?pa|[uµμ]t|m?v|volts?|%", re.IGNORECASE)
 
 _EPOCHS = {1e17: 1e-9, 1e14: 1e-6, 1e11: 1e-3}
@@ -311,6 +316,9 @@ def read(file: RecordText) -> list[Component]:
         warnings = (*warnings, f"{file.path.name}: columns left out: {', '.join(roles.left_out)}")
     step, start_s = _times(file, layout, roles, values, rows)
     text = [line for n, line in enumerate(above) if n != layout.names_at or not layout.columns]
+    if (said := first_found(_INTEGRATED, text)) and not first_found(_ACCELERATED, above):
+        what = f"{file.path.name}: {shown(said[0].strip())} stands above samples read as acceleration"
+        warnings = (*warnings, what)
     check_stated(text, step, (len(values), len(roles.components)), file.path)
     unit, place = stated_unit(text), place_above(above)
     named = layout.columns if len(layout.columns) == layout.width else (_Column("", ""),) * layout.width

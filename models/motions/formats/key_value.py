@@ -156,7 +156,8 @@ class cwb:  # noqa: N801
             key.replace(" ", ""): value.strip()
             for key, _, value in (line[1:].partition(":") for line in lines if line.startswith("#"))
         }
-        order = re.findall(r"Time|[UNE](?=\()", header.get("DataSequence", ""))
+        found = re.findall(r"(Time)|([UNE])\(([+-])\)", header.get("DataSequence", ""))
+        order, signs = [time or letter for time, letter, _ in found], [sign for *_, sign in found]
         if sorted(order) != ["E", "N", "Time", "U"] or "gal" not in header.get("AmplitudeUnit", "").lower():
             what = f"DataSequence {header.get('DataSequence')!r} in {header.get('AmplitudeUnit')!r}"
             file.refuse("record.layout_unknown", 0, what, "Time U(+); N(+); E(+) in gal")
@@ -176,7 +177,7 @@ class cwb:  # noqa: N801
             file.channel(
                 first,
                 Counted(table[:, column]),
-                0.01,
+                float(f"{sign}0.01"),
                 1 / rate,
                 direction=bearing(letter),
                 file_format=cwb.NAME,
@@ -187,8 +188,8 @@ class cwb:  # noqa: N801
                 magnitude=_optional(magnitude),
                 stated_peak_m_s2=_cwb_peak_m_s2(header.get(f"AmplitudeMAX.{letter}", "")),
             )
-            for column, letter in enumerate(order)
-            if letter != "Time"
+            for column, (letter, sign) in enumerate(zip(order, signs, strict=True))
+            if sign
         ]
 
 

@@ -41,16 +41,25 @@ _COMMA_NUMBER = re.compile(r"\s*[-+]?(?:\d+,\d*|,\d+|\d+)(?:[EeDd][-+]?\d+)?\s*$
 _NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
 _PAIR = re.compile(r"\W*([^:=]{1,80}?)\s*[:=]\s*(\S.*)")
 """What a line above samples states: a key and its value."""
+_OF_SAMPLES = r"(?:(?:acc\w*|data|samples?|amplitude|field|record|signal|channel)[ _-]+)*"
+"""Words before such a key: after any other ('original', 'scale', 'PGA') it states something of other samples."""
 _KEYS = {
-    "unit": r"\b(?:\w+_)?(?:units?|unidad(?:es)?)\b",
-    "rate": r"sampl\w*[ _-]*(?:rate|freq)|\bfs\b|(?:tasa|frecuencia) de muestreo",
-    "step": r"\bdt\b|time[ _]*(?:step|interval)|sampl\w*[ _-]*(?:interval|period|step)|intervalo de muestreo",
-    "count": r"\bnpts\b|\bn(?:umber|o\.?|um\.?) *(?:of *)?(?:samples|points|data)\b|numero de (?:datos|muestras)",
+    name: re.compile(_OF_SAMPLES + f"(?:{key})", re.IGNORECASE)
+    for name, key in {
+        "unit": r"(?:units?|unidad(?:es)?)\b",
+        "rate": r"sampl\w*[ _-]*(?:rate|freq)|fs\b|(?:tasa|frecuencia) de muestreo",
+        "step": r"dt\b|time[ _]*(?:step|interval)|sampl\w*[ _-]*(?:interval|period|step)|intervalo de muestreo",
+        "count": r"npts\b|n(?:umber|o\.?|um\.?) *(?:of *)?(?:samples|points|data)\b|numero de (?:datos|muestras)",
+    }.items()
 }
 """Keys that are understood, by what they state."""
-_OF_INSTRUMENT = re.compile(r"scale|calib|sensitiv|gain", re.IGNORECASE)
-"""In a key of a unit that is not the samples' own: of what counts are multiplied to."""
 _WITH_UNIT = re.compile(rf"{_NUMBER}\s*([a-z]*)", re.IGNORECASE)
+_RATE = re.compile(
+    rf"(?>{_NUMBER})\s*(?:(k)?(?:hz|sps)|(?:samples?|points|pts|muestras)?(?:\s*(?:/|per|por)\s*s\w*)?)"
+    r"(?!\s*/?\s*[a-z])",
+    re.IGNORECASE,
+)
+"""A rate per second; k of thousands."""
 _PEAK = re.compile(
     rf"(?P<raw>uncor\w*\s+)?\b(?:max|pga|(?:acceleration:\s*)?peak)(?:\s+acceleration)?\s*[=:]?\s*{_NUMBER}\s*"
     r"(?P<unit>[a-z][a-z0-9/*^]*)",
@@ -283,24 +292,26 @@ def _stated(lines: Sequence[str], what: str) -> Iterator[tuple[str, str]]:
     """Keys and values of the lines of a header that state something of `_KEYS`."""
     for line in lines[:HEADER_LINES]:
         pairs = filter(None, map(_PAIR.match, re.split("[;|]", line[:LONGEST_NAME])))
-        yield from ((pair[1], pair[2]) for pair in pairs if re.search(_KEYS[what], pair[1], re.IGNORECASE))
+        yield from ((pair[1], pair[2]) for pair in pairs if _KEYS[what].match(pair[1]))
 
 
 def stated_unit(lines: Sequence[str]) -> float | None:
     """One unit of the samples in m/s2, where the lines name one acceleration's unit and no other."""
     found = set()
-    for key, value in _stated(lines, "unit"):
-        if not _OF_INSTRUMENT.search(key):
-            ways = (value.strip(), *re.split(r"[(),]| {2,}", value))
-            found.add(next(filter(None, map(acceleration_m_s2, ways)), None))
+    for _, value in _stated(lines, "unit"):
+        ways = (value.strip(), *re.split(r"[(),]| {2,}", value))
+        found.add(next(filter(None, map(acceleration_m_s2, ways)), None))
     found.discard(None)
     return found.pop() if len(found) == 1 else None
 
 
 def stated_step_s(lines: Sequence[str]) -> float | None:
     """Time step in s, where the lines state one and no other."""
-    rates = (_WITH_UNIT.search(value) for _, value in _stated(lines, "rate"))
-    found = {1 / float(rate[1]) for rate in rates if rate and float(rate[1]) > 0}
+    found = set()
+    for key, value in _stated(lines, "rate"):
+        behind = [] if re.search("[A-Za-z]", value) else re.findall(r"\(([^)]*)\)", key)[-1:]
+        if (rate := _RATE.search(" ".join([value, *behind]))) and float(rate[1]) > 0:
+            found.add((1e-3 if rate[2] else 1.0) / float(rate[1]))
     for key, value in _stated(lines, "step"):
         if step := _WITH_UNIT.search(value):
             unit = step[2] or (re.findall(r"\((\w+)\)", key) or [""])[-1]

@@ -228,8 +228,10 @@ def _checked_sensitivity(
     gain = _gain(response, np.array([float(frequency)]), _OBSPY_OUTPUTS[unit.quantity])
     if gain is None or not np.isfinite(gain[0]) or gain[0] == 0:
         return value, ()
-    ratio = float(gain[0] / abs(value))
-    stages = f"the stages of {trace.id} multiply to {gain[0]:.6g} at {frequency:g} Hz"
+    # Without its sign where the phase says none, as near a seismometer's corner.
+    sign = np.sign(gain[0].real) if abs(gain[0].real) > 0.9 * abs(gain[0]) else np.sign(value)
+    ratio = float(sign * abs(gain[0]) / value)
+    stages = f"the stages of {trace.id} multiply to {sign * abs(gain[0]):.6g} at {frequency:g} Hz"
     difference = f"{stages}, its sensitivity is {value:.6g}"
     if not 1 / SAME_GAIN <= ratio <= SAME_GAIN:
         _refuse_response("response.sensitivity_contradicted", difference, path,
@@ -240,19 +242,18 @@ def _checked_sensitivity(
 def _is_flat(response: Any, sensitivity: float, top_hz: float) -> bool | None:
     """Whether a response is its sensitivity in the band of earthquakes; None where it cannot be evaluated."""
     gain = _gain(response, np.geomspace(_FLATNESS_BAND_HZ[0], top_hz, 12), "ACC")
-    return None if gain is None else bool(np.abs(gain / abs(sensitivity) - 1).max() <= _FLATNESS)
+    return None if gain is None else bool(np.abs(np.abs(gain / sensitivity) - 1).max() <= _FLATNESS)
 
 
-def _gain(response: Any, frequencies_hz: NDArray[np.float64], output: str) -> NDArray[np.float64] | None:
-    """Size of a response at frequencies; None where it cannot be evaluated."""
+def _gain(response: Any, frequencies_hz: NDArray[np.float64], output: str) -> NDArray[np.complex128] | None:
+    """Response at frequencies; None where it cannot be evaluated."""
     with _messages():
         try:
-            found = response.get_evalresp_response_for_frequencies(
+            return response.get_evalresp_response_for_frequencies(
                 frequencies_hz, output=output, hide_sensitivity_mismatch_warning=True
             )
         except Exception:
             return None
-    return np.abs(found)
 
 
 @contextmanager

@@ -5,7 +5,18 @@ from pathlib import Path
 import numpy as np
 import obspy
 import pytest
-from motion_samples import STEP_S, WRITERS, columns, edited, imported, peer, shaking, tabled, write_counts
+from motion_samples import (
+    STEP_S,
+    WRITERS,
+    columns,
+    edited,
+    imported,
+    one_column,
+    peer,
+    shaking,
+    tabled,
+    write_counts,
+)
 from obspy.core.inventory import Response
 from refusals import left_out, refused
 
@@ -97,6 +108,49 @@ def test_horizontals_along_one_line_are_refused_and_oblique_ones_resolved(tmp_pa
     x, y, _ = record.motion.acceleration_m_s2.T
     assert np.allclose(x, a[:, 0], atol=1e-6)
     assert np.allclose(x * np.sin(np.pi / 6) + y * np.cos(np.pi / 6), a[:, 1], atol=1e-6)
+
+
+def test_one_azimuth_alone_turns_nothing_and_is_told(tmp_path):
+    tabled(one_column(tmp_path, shaking()), unit="gal", dt="0.01", h1_azimuth="40", processing="corrected")
+    rename = {"STA2_E": "a", "STA2_N": "b"}
+    outcome = renamed(tmp_path, rename)
+    assert not outcome.records[0].north_known
+    assert ["azimuth 40" in text for _, text in outcome.warnings] == [True]
+
+
+@pytest.mark.parametrize(
+    ("names", "known"),
+    [
+        (("horizon", "trace"), False), (("first_run", "first_one"), False), (("ST_down", "ST_dune"), False),
+        (("STN", "STE"), True), (("st_n", "st_e"), True), (("ST.HNN", "ST.HNE"), True),
+    ],
+)  # fmt: skip
+def test_letters_at_the_ends_of_names_are_directions_where_the_names_differ_in_nothing_else(
+    names, known, tmp_path
+):
+    one_column(tmp_path, shaking())
+    outcome = renamed(tmp_path, dict(zip(("STA2_E", "STA2_N"), names, strict=True)))
+    (record,) = outcome.records
+    assert record.north_known is known
+    order = [1, 0, 2] if known else [0, 1, 2]
+    np.testing.assert_allclose(record.motion.acceleration_m_s2, shaking()[:, order], atol=1e-6)
+
+
+def renamed(folder, names):
+    """Import a table and its files, of which some get other names."""
+    table = folder / "table.csv"
+    for old, new in names.items():
+        (folder / f"{old}.txt").rename(folder / f"{new}.txt")
+        table.write_text(table.read_text().replace(f"{old}.", f"{new}."))
+    return imported(folder, process=False)
+
+
+def test_components_that_begin_apart_are_refused_where_one_does_not_say_when(tmp_path):
+    paths = edited(tmp_path, "esm")
+    for path, second in zip(paths, ("00.000", "00.500"), strict=False):
+        stated = f"DATE_TIME_FIRST_SAMPLE_YYYYMMDD_HHMMSS: 20200101_0000{second}"
+        path.write_text(path.read_text().replace("USER20:", stated))
+    left_out(imported(tmp_path), "record.start_missing", "does not say when it begins")
 
 
 @pytest.mark.parametrize(("unit", "one_m_s"), [("M/S", 1.0), ("nm/s ", 1e-9), ("CM/SEC", 0.01)])

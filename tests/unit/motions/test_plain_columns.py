@@ -57,6 +57,8 @@ TIMES = {
     **{f"{date} and time": ("", [date, "Time"], date_and_time) for date in ("Date", "Datum", "fecha")},
     **{f"a clock {zone}": ("", ["time"], clock(zone)) for zone in ("Z", "+09:00", "-07:00", "")},
     "a rate": ("SITE CODE= 47\nSAMPLING RATE= 100Hz\n", [], lambda n: []),
+    "a rate in kHz": ("# sample rate (kHz): 0.1\n", [], lambda n: []),
+    "another's rate": ("# original sampling rate: 200 Hz\n# Data sampling rate: 100 sps\n", [], lambda n: []),
     "a converter's rate": ("Sampling rate ADC16: 100 Hz\n", [], lambda n: []),
     "an interval": ("PLACE : X\nSAMPLING INTERVAL(sec) : 0.01\n\n", [], lambda n: []),
     "intervals": ("INTERVALO DE MUESTREO, C1-C3 (s) : /.01/.01/.01\n", [], lambda n: []),
@@ -143,6 +145,7 @@ REFUSED = {
 
 UNIT_UNKNOWN = {
     "two units": "# units: gal\n# unit = g\nt,N,E,Z\n" + rows(),
+    "another's unit": "# original unit: gal\n# PGA units: g\nt,N,E,Z\n" + rows(),
     "a sentence": "# acceleration in g\nt,N,E,Z\n" + rows(),
     "counts scaled to a unit": "# scale_factor: 427336\n# scale_units: M/S**2\n# field_unit: s, counts\nt,E,N,Z\n"
     + rows(),
@@ -195,6 +198,27 @@ def test_a_unit_that_nothing_says_is_left_to_the_table(text, tmp_path):
     path = written(tmp_path, text)
     left_out(import_records([path]), "record.unit_unknown")
     assert len(by_table(path).records) == 1
+
+
+def test_a_rate_a_minute_is_no_time_step(tmp_path):
+    text = "# sampling rate: 6000 samples/min\n" + NAMED.partition(",")[2] + "\n"
+    path = written(tmp_path, text + "".join(f"{x:.7f},{y:.7f},{z:.7f}\n" for x, y, z in A))
+    left_out(import_records([path]), "record.step_missing")
+
+
+@pytest.mark.parametrize("names", ["Y,X,Z", "h2,h1,v", "HN2,HN1,HNZ", "T,L,V"])
+def test_horizontals_without_bearings_are_in_the_order_of_their_labels(names, tmp_path):
+    text = "t," + ",".join(f"{name} (m/s2)" for name in names.split(",")) + "\n" + rows(A[:, [1, 0, 2]])
+    check_same(import_records([written(tmp_path, text)], options=AS_IT_IS), north_known=False)
+
+
+def test_text_that_tells_of_another_quantity_is_told(tmp_path):
+    text = "# Velocity time history\n# Vs30: 400\nt,E,N,Z\n" + rows()
+    (warned,) = [text for _, text in by_table(written(tmp_path, text)).warnings]
+    assert "Velocity time history" in warned
+    assert not by_table(
+        written(tmp_path, text.replace("# Vs30", "# Velocity and acceleration\n# Vs30"))
+    ).warnings
 
 
 def test_an_azimuth_of_the_table_counts_and_is_told_where_the_file_says_another(tmp_path):

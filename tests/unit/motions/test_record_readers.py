@@ -88,6 +88,13 @@ def test_a_header_written_otherwise_is_the_same_record(name, old, new, tmp_path)
     assert found.sha == expected.sha
 
 
+def test_cwbs_positive_senses_are_those_that_its_sequence_states(tmp_path):
+    (path,) = edited(tmp_path, "cwb", ("U(+); N(+); E(+)", "U(-); N(+); E(-)"))
+    found = {part.label: part.acceleration_m_s2 for part in read_file(path)}
+    for sign, series, letter in zip((-1, 1, -1), shaking().T, "ENU", strict=True):
+        np.testing.assert_allclose(found[letter], sign * series, atol=1e-4)
+
+
 def lost(first, last):
     return lambda text: "".join(
         (lines := text.splitlines(keepends=True))[:first] + (lines[last:] if last else [])
@@ -535,6 +542,7 @@ def test_samples_of_sac_that_are_not_finite_are_refused(bad, tmp_path):
         (267.0, 20.0, None, ("2.67 m/s2",)),
         (8.0, 4.5, None, ("more than 3 m/s",)),
         (1e9, 1e9, 1.0, ("1e+09 m/s2",)),
+        (2e-4, 2e-5, None, ("0.0002 m/s2", "unit")),
     ],
 )
 def test_a_peak_beyond_nature_is_told_with_the_unit_that_would_explain_it(pga, pgv, unit, told):

@@ -70,6 +70,7 @@ RESPONSES = [
     ({"stages_unit": "M/S"}, "response.unit_contradicted", ("'M/S**2'", "'M/S'")),
     ({"stages_unit": "M/S**2", "stage_gain": 2e5 * G}, "response.sensitivity_contradicted",
      ("1.96133e+06 at 1 Hz", "200000")),
+    ({"stages_unit": "M/S**2", "stage_gain": -2e5}, "response.sensitivity_contradicted", ("-200000 at 1 Hz",)),
     ({"unit": "M/S"}, "response.stages_missing", ("a sensor of velocity",)),
 ]  # fmt: skip
 """What a StationXML states of a sensor that nobody can read acceleration by: the code, and what is named."""

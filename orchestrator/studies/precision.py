@@ -17,6 +17,7 @@ from toppling.orchestrator.campaign import Campaign, TargetSpec
 from toppling.orchestrator.journal import log_event
 from toppling.orchestrator.plan import Plan, Rows
 from toppling.orchestrator.run_folder import set_jobs
+from toppling.results.analysis.lognormal import earthquakes
 from toppling.results.analysis.resampling import narrowed_by
 from toppling.results.precision.design import Pool, Rounds, Target, statement_of, write_statements
 from toppling.results.precision.probit import answers_of
@@ -45,12 +46,13 @@ class JobsForPrecision:
         self.target = _target_of(asked or TargetSpec())
         catalog = Ensemble.load(planned.campaign.ensemble).catalog.to_pandas().set_index("record_id")
         names = sorted(planned.scenes[0].record_sha)
-        self.records = {name: number for number, name in enumerate(names)}
+        codes, _ = pd.factorize(earthquakes(catalog.loc[names].reset_index()))
+        self.records = dict(zip(names, codes.tolist(), strict=True))
         self.measures = _usable_measures(catalog.loc[names], self.target, str(planned.campaign.ensemble))
         seed = int(planned.id[:8], 16)
         self.rounds = {
             contact: Rounds(pool, self.target, precision, seed)
-            for contact, pool in _pools(planned, catalog.loc[names], self.measures).items()
+            for contact, pool in _pools(planned, catalog.loc[names], self.measures, len(set(codes))).items()
         }
 
     @property
@@ -186,7 +188,9 @@ def _usable_measures(catalog: pd.DataFrame, target: Target, where: str) -> list[
     return usable
 
 
-def _pools(planned: Plan, catalog: pd.DataFrame, measures: list[str]) -> dict[tuple[float, ...], Pool]:
+def _pools(
+    planned: Plan, catalog: pd.DataFrame, measures: list[str], independent: int
+) -> dict[tuple[float, ...], Pool]:
     """Jobs of each contact, by record, cell (azimuth, with the realisations of its jobs) and level."""
     jobs = planned.jobs.to_pandas().astype({"record_id": str}).reset_index(names="row")
     levels = np.sort(np.array(planned.campaign.pga_m_s2))
@@ -202,5 +206,5 @@ def _pools(planned: Plan, catalog: pd.DataFrame, measures: list[str]) -> dict[tu
             ["record_id", "azimuth_deg", "turn", "pga_m_s2"]
         )
         rows = ordered["row"].to_numpy(np.int64).reshape(len(catalog), -1, len(levels))
-        found[tuple(float(value) for value in contact)] = Pool(rows, log_x)
+        found[tuple(float(value) for value in contact)] = Pool(rows, log_x, independent)
     return found

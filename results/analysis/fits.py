@@ -13,16 +13,18 @@ from toppling.models.arrays import Array
 from toppling.models.motions.measures import COMPARED, MEASURES
 from toppling.results.analysis.fragility import effective_records, wilson
 from toppling.results.analysis.lognormal import (
+    LEAST_RECORDS,
     NEAR_TIE,
     SURFACES,
     Basis,
     Fit,
     Lognormal,
+    earthquakes,
     expanded_interval,
     fit,
     lognormal_interval,
 )
-from toppling.results.analysis.resampling import LEAST_RECORDS, SAMPLES, sampled
+from toppling.results.analysis.resampling import SAMPLES, sampled
 from toppling.results.reader import Completeness
 
 _BINS = 10
@@ -32,16 +34,17 @@ _FOLDS = 5
 
 
 def out_of_fold(frame: pd.DataFrame, measures: Sequence[str]) -> pd.Series:
-    """Predict each job from a fit to other records; null where that fit does not exist.
+    """Predict each job from a fit to other `earthquakes`; null where that fit does not exist.
 
     Where a threshold of the single measure separates the answers of the other records, it predicts: the middle between
     the strongest standing and the weakest toppled job, with half a job of the opposite answer as uncertainty.
     """
     predicted = pd.Series(np.nan, index=frame.index)
-    folds = min(_FOLDS, frame["record_id"].nunique())
+    independent = earthquakes(frame)
+    folds = min(_FOLDS, independent.nunique())
     if folds < 2:
         return predicted
-    fold = _folds_of(frame["record_id"], folds)
+    fold = _folds_of(independent, folds)
     for number in range(folds):
         test = np.flatnonzero(fold == number)
         fitted = fit(frame.iloc[np.flatnonzero(fold != number)], measures, least_toppled=1)
@@ -70,9 +73,9 @@ def scores(toppled: ArrayLike, predicted: ArrayLike) -> dict[str, float]:
     }
 
 
-def _folds_of(record_id: pd.Series, folds: int) -> NDArray[np.int64]:
-    """Fold of each job, by records, of about equally many jobs: the largest record first, into the smallest fold."""
-    codes, _ = pd.factorize(record_id, sort=True)
+def _folds_of(independent: pd.Series, folds: int) -> NDArray[np.int64]:
+    """Fold of each job, of about equally many jobs: the largest earthquake first, into the smallest fold."""
+    codes, _ = pd.factorize(independent, sort=True)
     jobs, size, of_record = np.bincount(codes), np.zeros(folds), np.zeros(codes.max() + 1, np.int64)
     for record in np.argsort(jobs, kind="stable")[::-1]:
         of_record[record] = size.argmin()
@@ -103,7 +106,7 @@ def compare_measures(
     ranked = table.sort_values("log_loss", ignore_index=True)
     if not len(ranked) or math.isnan(ranked["log_loss"][0]):
         return ranked
-    codes, records = pd.factorize(frame["record_id"])
+    codes, records = pd.factorize(earthquakes(frame))
     random = np.random.default_rng(0)
     draws = random.multinomial(len(records), np.full(len(records), 1 / len(records)), samples)
     weight = draws @ np.bincount(codes)

@@ -145,7 +145,7 @@ class Resampled:
     # (samples,): which samples have a fit, in the order drawn; in the others the answers are separated, or the
     # probability does not rise.
     fitted: NDArray[np.bool_]
-    records: int  # number of records per sample
+    records: int  # number of earthquakes, or of records, per sample
     # Whether the coefficients are reflected (`analysis.resampling`): their percentiles already allow for few records.
     reflected: bool = False
     # Coefficients of the curve averaged over bases, shaped as `coefficients`; None where the jobs are on one base.
@@ -351,19 +351,37 @@ def design_of(frame: pd.DataFrame, measures: Sequence[str]) -> Array:
     return np.column_stack([np.ones(len(frame)), np.log(frame[list(measures)].to_numpy(float))])
 
 
+LEAST_RECORDS = 5
+"""Minimum number of records for a bootstrap: resamples of fewer are too often identical."""
+
+
+def earthquakes(jobs: pd.DataFrame) -> "pd.Series[str]":
+    """Earthquake of each job's record, by which intervals count; the record where the earthquake is not known.
+
+    Records of one earthquake are alike in spectrum and duration: of 143 real ones its share in the variance of
+    PGV/PGA is .26, and intervals of 95 % that took such records as independent held 79 to 88 %. Fewer earthquakes than
+    `LEAST_RECORDS` do not show it: there the records themselves count.
+    """
+    event = jobs.get("event", pd.Series("", jobs.index)).astype(object)
+    of_jobs = event.where(event.fillna("") != "", jobs["record_id"].astype(object))
+    return of_jobs if of_jobs.nunique() >= LEAST_RECORDS else jobs["record_id"]
+
+
 def grouped(
     frame: pd.DataFrame, measures: Sequence[str], answers: "pd.Series[float] | None" = None
 ) -> pd.DataFrame:
-    """Group jobs of one record with equal measures: the same likelihood at a fraction of the cost.
+    """Group jobs of one of the `earthquakes` with equal measures: the same likelihood at a fraction of the cost.
 
     A column `record_weight` (`Run.weighted`) multiplies a job's part of the likelihood: jobs of one record have
     different weights on bases of different weight. `answers` (0 to 1) replaces whether each job toppled.
     """
     weight = frame.get("record_weight", 1.0)
     jobs = frame.assign(
-        trials=weight, share=weight * (frame["toppled"].astype(float) if answers is None else answers)
+        earthquake=earthquakes(frame),
+        trials=weight,
+        share=weight * (frame["toppled"].astype(float) if answers is None else answers),
     )
-    table = jobs.groupby(["record_id", *measures], sort=False)[["share", "trials"]].sum()
+    table = jobs.groupby(["earthquake", *measures], sort=False)[["share", "trials"]].sum()
     return table.assign(share=table["share"] / table["trials"]).reset_index()
 
 

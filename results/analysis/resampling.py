@@ -17,6 +17,7 @@ from toppling.models.arrays import AT_ONCE, Array, Flags, Indices, effective_num
 from toppling.models.hidden_base.intervals import inspection_sentence
 from toppling.results.analysis import CONFIDENCE, SAMPLES
 from toppling.results.analysis.lognormal import (
+    LEAST_RECORDS,
     Fit,
     Resampled,
     design_of,
@@ -142,9 +143,6 @@ def narrowed_by(parts: Mapping[str, float], scan: Mapping[str, Any]) -> str:
     )
 
 
-LEAST_RECORDS = 5
-"""Minimum number of records for a bootstrap: resamples of fewer are too often identical."""
-
 _SUSPECT_SLOPE = 1.5
 """Ratio of a resample's slope to the fit's above which it is tested for separated answers, whose likelihood has no
 maximum although the search ends."""
@@ -157,14 +155,14 @@ def bootstrap(
     seed: int = 0,
     advance: Callable[[], None] = lambda: None,
 ) -> Resampled:
-    """Fit a model again to resampled records; no samples where there are fewer records than `LEAST_RECORDS`.
+    """Fit a model again to resampled `earthquakes`; no samples where there are fewer records than `LEAST_RECORDS`.
 
     `advance` is called before each sample. Rocks shaken by the same records get the same resamples, because the choice
     of records is common to them; bases are drawn for each rock.
     """
     groups = grouped(frame, fitted.measures)
     design = design_of(groups, fitted.measures)
-    codes, records = pd.factorize(groups["record_id"], sort=True)
+    codes, records = pd.factorize(groups["earthquake"], sort=True)
     random = np.random.default_rng([seed, zlib.crc32("\n".join(records).encode())])
     steep = _SUSPECT_SLOPE * np.abs(fitted.coefficients[1:]).max()
     fitted_again = np.zeros(samples if len(records) >= LEAST_RECORDS else 0, bool)

@@ -136,7 +136,7 @@ def _record_correlation(curve: Curve, independent: float, pairs: float) -> float
 def estimate(curve: Curve, target: Target, records: int, spread: BaseSpread | None = None) -> Estimate:
     """Target of a fitted curve with its interval over records and bases.
 
-    records: number of records of the campaign.
+    records: number of independent records of the campaign: of earthquakes, where these are known.
     spread: variation between bases; None for a single base.
     """
     score = target.score(curve.coefficients)
@@ -199,6 +199,12 @@ class Pool:
 
     rows: _Numbers  # (records, cells, levels): rows of the plan
     log_x: Mapping[str, Array]  # logarithm of each measure, (records, levels)
+    earthquakes: int = 0  # number of their earthquakes, where known
+
+    @property
+    def independent(self) -> int:
+        """Number of earthquakes, or of records where these are not known."""
+        return self.earthquakes or len(self.rows)
 
 
 @dataclass(frozen=True)
@@ -251,7 +257,7 @@ def judge(pool: Pool, observed: Mapping[str, Answers], target: Target, precision
     answers = observed[measure]
     score = curve.coefficients[0] + curve.coefficients[1] * answers.log_x
     spread = spread_of(answers.toppled > 0.5, score, answers.base, answers.weight, answers.of_base)
-    found = estimate(curve, target, len(pool.rows), spread)
+    found = estimate(curve, target, pool.independent, spread)
     known = replace(unknown, measure=measure, curve=curve, estimate=found)
     steep = curve.slope_variance / _SLOPE_VARIANCE
     if jobs < _LEAST_JOBS or least < _LEAST_PER_ANSWER or (steep > 1.0 and jobs < _SHARP_JOBS):
@@ -262,8 +268,9 @@ def judge(pool: Pool, observed: Mapping[str, Answers], target: Target, precision
     # One part of the variance falls with the number of jobs, the other only with that of records.
     allowed = (precision / found.scale / curve.student(math.inf)) ** 2
     if allowed < found.pairs and found.independent <= _RECORDS_BOUND * found.pairs:
-        more = math.ceil(len(pool.rows) * (found.pairs / allowed - 1.0))
-        bear = f"{len(pool.rows)} records bear {100 * found.bearable:.1f} %"
+        more = math.ceil(pool.independent * (found.pairs / allowed - 1.0))
+        of = "" if pool.independent == len(pool.rows) else f" of {pool.independent} earthquakes"
+        bear = f"{len(pool.rows)} records{of} bear {100 * found.bearable:.1f} %"
         reason = f"{bear}; some {_rounded(more)} more would be needed"
         return replace(known, ended=True, reason=reason, jobs_needed=jobs)
     return replace(known, jobs_needed=min(_needed(jobs, curve, found, precision), pool.rows.size))

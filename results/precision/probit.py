@@ -30,7 +30,7 @@ class Answers:
 
     log_x: Array  # (n,): logarithm of the intensity
     toppled: Array  # (n,): 1 or 0
-    record: NDArray[np.int64]  # (n,): index of each job's record
+    record: NDArray[np.int64]  # (n,): index of each job's record, or of its earthquake
     weight: Array  # (n,): weight of each job, with mean 1
     # (n,): index of each job's realisation, each of which has its own base; (m,): weights of the realisations.
     base: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
@@ -45,7 +45,7 @@ def answers_of(
     frame: rows of results, with weights in `record_weight` where they differ.
     jobs: job ids, in the order chosen.
     measures: columns; those not positive in every row are left out.
-    records: index of each record id.
+    records: index of each record id, or of its earthquake.
     """
     rows = frame.set_index("job_id").reindex(jobs)
     rows = rows[rows["toppled"].notna()]

@@ -23,7 +23,7 @@ from toppling.results.analysis.fits import (
 )
 from toppling.results.analysis.fragility import wilson
 from toppling.results.analysis.lognormal import Basis, Lognormal, design_of, fit, grouped, lognormal_interval
-from toppling.results.analysis.resampling import bootstrap, refitted
+from toppling.results.analysis.resampling import bootstrap, refitted, sampled
 from toppling.results.drawing.sentences import what_topples
 from toppling.results.schema import SCHEMA
 
@@ -196,6 +196,25 @@ def by_statsmodels(design, share, trials, link):
     return GLM(share[some], design[some], family, var_weights=trials[some]).fit(tol=1e-12).params
 
 
+@pytest.mark.parametrize(("quakes", "alike"), [(12, True), (4, False)])
+def test_records_that_are_alike_in_an_earthquake_say_no_more_than_one_of_them(quakes, alike):
+    single = pd.DataFrame(rows(records=12))
+    single["event"] = [f"quake {int(name[1:]) % quakes}" for name in single["record_id"]]
+    four = pd.concat(
+        [single.assign(record_id=single["record_id"] + f"-{n}") for n in range(4)], ignore_index=True
+    )
+
+    def intervals(frame):
+        fitted = sampled(answered(frame), fit(frame, ["pgv_m_s"]), 60)
+        ranked = compare_measures(frame, [["pgv_m_s"], ["pga_m_s2"]], 60)
+        return [
+            *lognormal_interval(fitted.resampled).values(),
+            *ranked[["log_loss", "worse_by_high"]].to_numpy().flat,
+        ]
+
+    assert (intervals(four) == pytest.approx(intervals(single), rel=1e-6)) is alike
+
+
 @pytest.mark.parametrize("link", ["probit", "logit"])
 @pytest.mark.parametrize("measures", [("pgv_m_s",), ("pga_m_s2", "pgv_m_s")])
 def test_fits_of_resampled_records_are_those_of_statsmodels(link, measures):
@@ -203,7 +222,7 @@ def test_fits_of_resampled_records_are_those_of_statsmodels(link, measures):
     weight = np.random.default_rng(1).uniform(0.2, 2.0, 12)
     frame["record_weight"] = weight[pd.factorize(frame["record_id"])[0]]
     groups = grouped(frame, measures)
-    design, codes = design_of(groups, measures), pd.factorize(groups["record_id"])[0]
+    design, codes = design_of(groups, measures), pd.factorize(groups["earthquake"])[0]
     share, trials = groups["share"].to_numpy(), groups["trials"].to_numpy()
     drawn = np.random.default_rng(2).multinomial(12, np.full(12, 1 / 12), 20)[:, codes]
     start = fit(frame, measures, link).coefficients

@@ -117,6 +117,13 @@ def test_a_probability_is_stated_to_a_precision_in_its_own_unit():
     assert 0.0 < told.low < told.value < told.high < 1.0
 
 
+def test_copies_of_records_in_their_earthquake_leave_the_interval_as_it_was():
+    once = independent(60)
+    four = Answers(*(np.tile(part, 4) for part in (once.log_x, once.toppled, once.record, once.weight)))
+    halves = [estimate(fit_curve(answers), Target(), 60).precision for answers in (once, four)]
+    assert halves[1] == pytest.approx(halves[0], rel=0.1)
+
+
 def test_records_and_cells_come_once_before_any_comes_again_and_no_job_twice(bench):
     pool, _ = bench.synthetic(1, records=20, azimuths=4)
     chosen = choose(pool, np.array([], np.int64), 3 * 20, 7, START, Target())

@@ -23,7 +23,7 @@ from toppling.models.files.documents import finite, shown
 from toppling.models.files.folder import instead, local, new_folder
 from toppling.models.files.mesh_files import MeshLike, read_triangles, remarks_of, triangles_of, write_ply
 from toppling.models.files.schemas import BASES, SCHEMA_VERSION, digests_of_scene, read_own
-from toppling.models.frames import STANDARD_GRAVITY_M_S2, azimuth_of, rotation_between
+from toppling.models.frames import STANDARD_GRAVITY_M_S2, azimuth_of, quadrant_of, rotation_between
 from toppling.models.hidden_base.unseen_base import UnseenBase
 from toppling.models.lengths import check_remarks, metres_in, too_large
 from toppling.models.pedestal import ContactProperties, Pedestal
@@ -85,7 +85,7 @@ class Scene(Described):
         return {
             "height": f"{self.rock.height_m:.3g} m",
             "volume": f"{self.rock.volume_m3:.3g} m³",
-            "interface dips": f"{plane.slope_deg:.3g}° toward azimuth {plane.downhill_azimuth_deg:.3g}°",
+            "interface dips": f"{plane.slope_deg:.3g}° toward {quadrant_of(plane.downhill_azimuth_deg)}",
             "friction": f"{contact.friction_static:g} static, {contact.friction_kinetic:g} kinetic",
             "drawn bases": 0 if self.unseen is None else len(self.unseen),
         }

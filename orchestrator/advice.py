@@ -8,7 +8,7 @@ import pyarrow as pa
 
 from toppling.models.errors import counted
 from toppling.models.files.documents import listed
-from toppling.models.frames import STANDARD_GRAVITY_M_S2, compass_deg
+from toppling.models.frames import STANDARD_GRAVITY_M_S2, quadrant_of
 from toppling.models.hidden_base.intervals import median_width
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.quality import LIMITS_WORDS, is_beyond, words
@@ -129,8 +129,8 @@ def _of_statics(campaign: Campaign, statics: Statics, scene: Scene) -> list[str]
 
 def least_static(statics: Statics) -> str:
     """Describe the least static toppling acceleration with its azimuth, and where the rock slides before it tips."""
-    azimuth, slides = statics.azimuth_deg, statics.slides_m_s2
-    found = f"{statics.least_m_s2:.3g} m/s2, ground toward azimuth {azimuth:.0f}°, compass {compass_deg(azimuth):.0f}°"
+    slides = statics.slides_m_s2
+    found = f"{statics.least_m_s2:.3g} m/s2, ground toward {quadrant_of(statics.azimuth_deg)}"
     return (
         found
         if math.isinf(slides)

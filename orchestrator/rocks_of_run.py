@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
-from toppling.models.frames import azimuth_deg
+from toppling.models.frames import azimuth_deg, quadrant_of
 from toppling.models.pedestal import ContactProperties, Pedestal
 from toppling.models.rock import Rock
 from toppling.models.scene import Scene
@@ -60,7 +60,7 @@ class Settling:
         """Sentence on the settling; None where the rock stands as scanned."""
         if self.tilt_deg >= _REPORTED_FROM_DEG:
             return (
-                f"the rock settles by {self.tilt_deg:.1f}° toward azimuth {self.toward_deg:.0f}° "
+                f"the rock settles by {self.tilt_deg:.1f}° toward {quadrant_of(self.toward_deg)} "
                 f"({self.moved_m:.2g} m at its farthest point) before it is shaken"
             )
         if self.moved_deg >= _REPORTED_FROM_DEG:

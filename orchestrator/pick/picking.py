@@ -147,7 +147,7 @@ class Picking:
                 "placed": self._kept is not None or self._placed.placement.by.startswith("--gcp"),
                 "hints": dataclasses.asdict(self._user_hints),
                 "ends_m": None if length is None else self._placed.metres(np.array(length[:2])).tolist(),
-                "stage": self._stage,
+                "stage": self._stage or ("starting" if self._done != self._wanted else ""),
                 "error": self._error,
                 "candidates": self._candidates,
                 "saving": self._saving,

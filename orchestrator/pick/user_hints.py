@@ -223,6 +223,7 @@ def answer_shown(survey: Survey | None, result: CachedScan) -> dict[str, Any]:
         "surface": report["surface"],
         "toppling": base.get("toppling"),
         "contacts": base.get("contacts"),
+        "next": base.get("next_observations", []),
         "sentences": base_sentences(report),
     }
 

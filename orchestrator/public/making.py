@@ -1,15 +1,16 @@
 """Scenes from point clouds, new draws of a scene's hidden base, and the further files of a scene's folder."""
 
-import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Unpack
 
+import numpy as np
+
 from toppling.models.errors import InputError, did_you_mean
-from toppling.models.files.folder import new_folder, refuse_existing, replaced_folder
-from toppling.models.files.schemas import LABELS, WORKED_OUT
+from toppling.models.files.folder import refuse_existing
+from toppling.models.files.schemas import LABELS
 from toppling.models.hidden_base.inspection import Inspection, inspection_of
 from toppling.models.hidden_base.intervals import base_sentences
 from toppling.models.scan.hints_file import HINTS, KEYS, CloudHints, Hints, Place, plain, write_hints
@@ -174,16 +175,10 @@ def written_again(
     scene: folder of the former scene.
     replaces: whether the other folder may exist.
     """
-    draw, notes = _pictured(drawn)
-    target = scene if out is None else out
-    with (replaced_folder if replaces or out is None else new_folder)(target) as staging:
-        stored.write(staging / WORKED_OUT)
-        if (scene / LABELS).exists():
-            shutil.copy2(scene / LABELS, staging)
-        drawn.write_into(staging)
-        write_hints(staging / HINTS, stated_hints(stored.stated, stored.inspection))
-        draw(staging)
-    return Scanned(drawn, target, notes)
+    with np.load(scene / LABELS) as kept:
+        again = Survey(drawn, kept["label"], (), stored)
+    target, stated = out or scene, stated_hints(stored.stated, stored.inspection)
+    return Scanned(drawn, target, written(again, target, stated, replaces=replaces or out is None))
 
 
 def placed_cloud(files: Sequence[Path], hints: CloudHints) -> tuple[Cloud, SeparatedMeshes | None]:

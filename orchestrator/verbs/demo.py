@@ -85,6 +85,7 @@ def _make_scene(out: Path) -> None:
     from toppling.models.files.mesh_files import write_ply
     from toppling.models.scan.virtual import demo_scan
     from toppling.orchestrator.public.making import scan
+    from toppling.orchestrator.verbs.scan import summary
 
     _say("scan: ray-casting a rock like the one at Echo Cliffs from six stations")
     stations, _ = demo_scan(_SEED)
@@ -94,13 +95,8 @@ def _make_scene(out: Path) -> None:
     for file, station in zip(files, stations, strict=True):
         write_ply(file, station.points_m, np.empty((0, 3), np.int64))
     made = scan(files, out / "scene", advance=lambda _, stage: _say(f"scan: {stage}"))
-    rock, pedestal = made.scene.rock, made.scene.pedestal
     points = sum(len(station.points_m) for station in stations)
-    _say(
-        f"scan: {points} points gave a rock of {rock.volume_m3:.0f} m³, "
-        f"{rock.height_m:.1f} m high, on a pedestal that dips {pedestal.slope_deg:.1f}° "
-        f"toward azimuth {pedestal.downhill_azimuth_deg:.0f}°"
-    )
+    _say(f"scan: of {points} points came {summary(made.scene, made.folder)}")
 
 
 def _plan(out: Path, workers: int, seconds: float) -> None:

@@ -195,7 +195,7 @@ def scan(
 def _print_result(made: "Scanned", as_json: bool) -> None:
     """Print the summary of a scan and its notes."""
     click.echo(
-        json.dumps(made.scene.to_json(), allow_nan=False) if as_json else _summary(made.scene, made.folder)
+        json.dumps(made.scene.to_json(), allow_nan=False) if as_json else summary(made.scene, made.folder)
     )
     for note in made.notes:
         click.echo(note, err=as_json)
@@ -248,18 +248,18 @@ def _from_clouds(files: tuple[Path, ...], given: dict[str, Any]) -> "Scanned":
         return scanned(files, given.pop("out"), **given, advance=advance)
 
 
-def _summary(scene: "Scene", out: Path) -> str:
+def summary(scene: "Scene", out: Path) -> str:
     """One line on the scanned rock and pedestal."""
     rock, pedestal = scene.rock, scene.pedestal
     east_m, north_m = rock.vertices_m[:, :2].max(axis=0) - rock.vertices_m[:, :2].min(axis=0)
     # Width and height together reveal different units of x, y and z.
+    from toppling.models.frames import quadrant_of
     from toppling.models.hidden_base.intervals import volume_text
 
     return (
         f"{out}: rock of {volume_text(scene.report, rock.volume_m3)}, {east_m:.3g} by {north_m:.3g} m wide (x, y) and "
         f"{rock.height_m:.3g} m high, on a pedestal that dips "
-        f"{pedestal.slope_deg:.2f}° toward azimuth {pedestal.downhill_azimuth_deg:.1f}°; "
-        f"see {out / 'scene.png'}"
+        f"{pedestal.slope_deg:.2f}° toward {quadrant_of(pedestal.downhill_azimuth_deg)}; see {out / 'scene.png'}"
     )
 
 

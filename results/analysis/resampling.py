@@ -14,7 +14,8 @@ from scipy.optimize import brentq
 from scipy.special import log_ndtr, logsumexp, ndtr, ndtri, stdtrit
 
 from toppling.models.arrays import AT_ONCE, Array, Flags, Indices, effective_number
-from toppling.models.hidden_base.intervals import inspection_sentence
+from toppling.models.frames import quadrant_of
+from toppling.models.hidden_base.intervals import PULL, inspection_sentence, median_width
 from toppling.results.analysis import CONFIDENCE, SAMPLES
 from toppling.results.analysis.lognormal import (
     LEAST_RECORDS,
@@ -130,17 +131,17 @@ def narrowed_by(parts: Mapping[str, float], scan: Mapping[str, Any]) -> str:
         return "More records would narrow the interval most."
     if not found:
         return "The base's part is of a drawn centre of mass and friction: measuring these would narrow it."
-    kinds = list(found.get("kinds") or ())
-    kind = f", or knowing whether the base is {' or '.join(kinds)}" if len(kinds) > 1 else ""
-    means = f"a pull test, or touches and daylight seen along the crevice{kind} (toppling scan --again)"
-    known = (
-        [inspection_sentence(found["toppling"], found["without_inspection"])]
-        if "without_inspection" in found
-        else []
-    )
-    return ". ".join(
-        [*(text[0].upper() + text[1:] for text in known), f"The base's part would be narrowed by {means}."]
-    )
+    means = "a pull test, or touches and daylight seen along the crevice"
+    best = min(found.get("next_observations", ()), key=lambda look: look["width"], default=None)
+    if best is not None and best["width"] < median_width(found["toppling"]):
+        first, last = quadrant_of(best["to_deg"]), quadrant_of(best["from_deg"])
+        pull, touch = f"a pull toward {first}", f"seeing whether it touches between {first} and {last}"
+        means = f"{pull if best['kind'] == PULL else touch}, more than by any other single observation"
+    sentence = f"The base's part would be narrowed by {means} (toppling scan --again)."
+    if "without_inspection" not in found:
+        return sentence
+    known = inspection_sentence(found["toppling"], found["without_inspection"])
+    return f"{known[0].upper()}{known[1:]}. {sentence}"
 
 
 _SUSPECT_SLOPE = 1.5

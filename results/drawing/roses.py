@@ -13,7 +13,7 @@ from matplotlib.projections.polar import PolarAxes
 from matplotlib.ticker import MaxNLocator
 
 from toppling.models.arrays import Array
-from toppling.models.frames import WINDS, compass_deg
+from toppling.models.frames import WINDS, compass_deg, quadrant_of
 from toppling.models.scene import Scene
 from toppling.models.statics import support_polygon_m
 from toppling.results.drawing.style import FULL_WIDTH_IN, MAIN_COLOUR, style
@@ -44,7 +44,8 @@ def rose_figure(
         left, right = figure.subplots(*shape, subplot_kw={"projection": "polar"}, gridspec_kw=room)
         _draw_petals(left, rose, edgecolor="white", lw=0.4)
         within = "" if sector is None else (
-            f"\n{sector['low_deg']:g}° to {sector['high_deg']:g}°: {100 * sector['share_of_jobs']:.0f} % of "
+            f"\n{quadrant_of(sector['high_deg'])} to {quadrant_of(sector['low_deg'])}: "
+            f"{100 * sector['share_of_jobs']:.0f} % of "
             f"{sector['jobs']:,} jobs,\n{100 * sector['share_of_toppled']:.0f} % of the toppled"
         )  # fmt: skip
         left.set_title(f"falls toward, % of {int(rose['toppled'].sum()):,} toppled{within}")

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from toppling.models.arrays import Array
 from toppling.models.caching import cached
 from toppling.models.errors import InputError
-from toppling.models.frames import compass_deg
+from toppling.models.frames import quadrant_of
 from toppling.models.hidden_base.intervals import volume_text
 from toppling.models.pedestal import Pedestal
 from toppling.models.scene import Scene
@@ -172,11 +172,11 @@ def scene_picture(scene: Scene, width_in: float = FULL_WIDTH_IN) -> Figure:
     """
     with style():
         if width_in >= FULL_WIDTH_IN:
-            figure = Figure(figsize=(width_in, 5.4), layout="constrained")
+            figure = Figure(figsize=(width_in, 5.7), layout="constrained")
             grid = figure.add_gridspec(2, 6)
             places = [*(grid[0, 2 * k : 2 * k + 2] for k in range(3)), grid[1, :3], grid[1, 3:]]
         else:
-            figure = Figure(figsize=(width_in, 17.0), layout="constrained")
+            figure = Figure(figsize=(width_in, 17.6), layout="constrained")
             grid = figure.add_gridspec(5, 1)
             places = [grid[k] for k in range(5)]
         FigureCanvasAgg(figure)
@@ -188,7 +188,18 @@ def scene_picture(scene: Scene, width_in: float = FULL_WIDTH_IN) -> Figure:
         polar = figure.add_subplot(places[4], projection="polar")
         assert isinstance(polar, PolarAxes)
         _draw_statics(polar, scene)
+        _add_legend(figure, 3 if width_in >= FULL_WIDTH_IN else 1)
     return figure
+
+
+def _add_legend(figure: Figure, columns: int) -> None:
+    """Explain below a figure what its panels label."""
+    marks = {
+        label: mark
+        for axes in figure.axes
+        for mark, label in zip(*axes.get_legend_handles_labels(), strict=True)
+    }
+    figure.legend(marks.values(), marks, loc="outside lower center", ncols=columns, frameon=False)
 
 
 def draw_view(axes: Axes, scene: Scene, elevation_deg: float, azimuth_deg: float) -> None:
@@ -203,7 +214,7 @@ def draw_view(axes: Axes, scene: Scene, elevation_deg: float, azimuth_deg: float
     corner, colour, of_rock = painted(surfaces, frame, scene.pedestal)
     axes.add_collection(_triangles(corner, colour), autolim=False)
     before_lines = corner[of_rock] if scene.pedestal.is_plane else corner
-    for line, dashes, of_line in _interface_lines(scene):
+    for line, dashes, of_line, _ in _interface_lines(scene):
         _draw_line(axes, line @ frame, before_lines, _ON_SURFACE * scene.rock.height_m, dashes, of_line)
     # All views have the rock's scale: that of a wide pedestal would make the rock small.
     projected = scene.rock.vertices_m @ frame
@@ -263,26 +274,30 @@ def _draw_scale(axes: Axes, reach_m: float) -> None:
     )
 
 
-def _interface_lines(scene: Scene) -> list[tuple[Array, str, str]]:
-    """Contact outlines and cliff edges, (n, 3) each, with dashes and colour; likelier contacts are broken lines."""
+def _interface_lines(scene: Scene) -> list[tuple[Array, str, str, str]]:
+    """Contact outlines and the pedestal's edges, (n, 3) each, with dashes, colour and meaning."""
     interface = scene.report.get("interface", {})
-    likelier = [drawn["outline_m"] for drawn in interface.get("outlines", [])]
-    outlines = [np.array(outline) for outline in [interface.get("outline_m", []), *likelier]]
+    around = "around all possible contacts" if scene.report.get("unseen_base") else "contact"
+    outlines = [(interface.get("outline_m", []), around)] + [
+        (row["outline_m"], f"inside the contacts of {100 * row['probability']:.0f} % of the bases")
+        for row in interface.get("outlines", [])
+    ]
     lines = [
-        (np.vstack([outline, outline[:1]]), dashes, CONTACT_COLOUR)
-        for outline, dashes in zip(outlines, ["-", "--", ":"], strict=False)
+        (np.array([*outline, outline[0]]), dashes, CONTACT_COLOUR, meaning)
+        for (outline, meaning), dashes in zip(outlines, ["-", "--", ":"], strict=False)
         if len(outline)
     ]
-    return lines + [(np.array(edge), "-.", CLIFF_COLOUR) for edge in interface.get("edges_m", [])]
+    edges = interface.get("edges_m", [])
+    return lines + [(np.array(edge), "-.", CLIFF_COLOUR, "edge of the pedestal") for edge in edges]
 
 
 def _draw_plan(axes: Axes, scene: Scene) -> None:
     """Draw the plan: outline of the rock, contact outline, cliff edge, centre of mass, north."""
     projected = scene.rock.vertices_m[scene.rock.faces]
     axes.add_collection(_triangles(projected[_faces_eye(projected)], _SHADOW_COLOUR), autolim=False)
-    for line, dashes, colour in _interface_lines(scene):
-        axes.plot(line[:, 0], line[:, 1], dashes, color=colour, lw=1.3)
-    axes.plot(*scene.rock.com_m[:2], "k+", markersize=8, mew=1.3)
+    for line, dashes, colour, meaning in _interface_lines(scene):
+        axes.plot(line[:, 0], line[:, 1], dashes, color=colour, lw=1.3, label=meaning)
+    axes.plot(*scene.rock.com_m[:2], "k+", markersize=8, mew=1.3, label="centre of mass")
     flat = scene.rock.vertices_m[:, :2]
     middle, reach = 0.5 * (flat.min(axis=0) + flat.max(axis=0)), 0.72 * float(np.ptp(flat, axis=0).max())
     axes.set(
@@ -302,6 +317,7 @@ def _draw_plan(axes: Axes, scene: Scene) -> None:
         va="top",
         size=8,
         weight="bold",
+        path_effects=[withStroke(linewidth=3, foreground="white")],
     )
     axes.annotate(
         "",
@@ -313,67 +329,38 @@ def _draw_plan(axes: Axes, scene: Scene) -> None:
 
 
 def _draw_statics(axes: PolarAxes, scene: Scene) -> None:
-    """Draw the accelerations that tip and slide the rock by azimuth, with that of the drawn bases."""
-    azimuth_deg, value, slides = _statics_of(scene)
-    azimuth = np.deg2rad(azimuth_deg)
-    axes.plot(azimuth, value, color=CONTACT_COLOUR, lw=1.2)
-    axes.plot(azimuth, slides, color=CONTACT_COLOUR, lw=1.2, ls=":")
-    axes.set_ylim(0, _polar_reach_m_s2(value))
-    around, low, high, _ = _base_interval(scene)
-    if len(around):
-        axes.fill_between(np.deg2rad(around), low, high, color=CONTACT_COLOUR, alpha=0.18, linewidth=0)
-    axes.set_title("toppling acceleration (m/s²)")
-    mark_winds(axes, emptiest_deg(azimuth_deg[:-1], value[:-1]))
-
-
-def statics_words(scene: Scene) -> str:
-    """What the picture of the statics shows, for the text beside it."""
-    _, value, slides = _statics_of(scene)
-    around, *_, level = _base_interval(scene)
-    reach = _polar_reach_m_s2(value)
-    bands = [
-        *(["dotted: where it slides before it tips"] if np.isfinite(slides).any() else []),
-        *([f"blue band: {100 * level:.0f} % of possible bases"] if len(around) else []),
-        *([f"beyond the frame: more than {reach:.3g} m/s²"] if (value > reach).any() else []),
-    ]
-    return "; ".join(
-        [
-            "the least constant ground acceleration that tips it, by where the ground accelerates toward",
-            *bands,
-        ]
-    )
-
-
-def _base_interval(scene: Scene) -> tuple[Array, Array, Array, float]:
-    """Azimuths (closed), lower and upper toppling acceleration over the drawn bases, and the interval's probability."""
+    """Draw the accelerations that topple and slide the rock by azimuth; of the drawn bases, where there are any."""
+    nominal = np.array([*scene.stated, scene.stated[0]]).T
+    azimuth_deg, topples, slides = np.where(np.isfinite(nominal), nominal, np.nan)
+    around_deg, label = azimuth_deg, "topples"
     found = scene.report.get("unseen_base") or {}
-    table = found.get("toppling", [])
-    if not table:
-        return np.empty(0), np.empty(0), np.empty(0), 0.0
-    rows = [*table, {**table[0], "azimuth_deg": table[0]["azimuth_deg"] + 360.0}]
-    azimuth, low, high = (
-        np.array([row[name] for row in rows], float) for name in ("azimuth_deg", "low_m_s2", "high_m_s2")
-    )
-    return azimuth, low, high, float(found["level"])
+    if table := found.get("toppling"):
+        rows, names = [*table, table[0]], ("azimuth_deg", "low_m_s2", "median_m_s2", "high_m_s2")
+        around_deg, low, topples, high = (np.array([row[name] for row in rows]) for name in names)
+        label, band = "topples: median of the bases", f"topples: {100 * found['level']:.0f} % of the bases"
+        turn = np.unwrap(np.deg2rad(around_deg))
+        axes.fill_between(turn, low, high, color=CONTACT_COLOUR, alpha=0.18, lw=0, label=band)
+    axes.plot(np.unwrap(np.deg2rad(around_deg)), topples, color=CONTACT_COLOUR, lw=1.2, label=label)
+    if np.isfinite(slides).any():
+        slips = "slides before it topples"
+        axes.plot(
+            np.unwrap(np.deg2rad(azimuth_deg)), slides, color=CONTACT_COLOUR, lw=1.2, ls=":", label=slips
+        )
+    axes.set_ylim(0, _polar_reach_m_s2(topples))
+    axes.set_title("least constant acceleration (m/s²)\nby where the ground accelerates toward")
+    mark_winds(axes, emptiest_deg(around_deg[:-1], topples[:-1]))
 
 
 def _polar_reach_m_s2(value: Array) -> float:
     """Radius of the statics' plot, m/s²; a few azimuths with much higher values leave it."""
     positive = value[np.isfinite(value) & (value > 0.0)]
-    return float(min(2.0 * np.median(positive), positive.max()) * 1.05) if len(positive) else 1.0
-
-
-def _statics_of(scene: Scene) -> Array:
-    """Azimuths (closed) of the ground's acceleration, and the values (m/s²) at which the rock tips and slides."""
-    rows = np.array([*scene.stated, (360.0, *scene.stated[0][1:])]).T
-    return np.where(np.isfinite(rows), rows, np.nan)
+    return float(min(2.0 * np.median(positive), positive.max()) * 1.3) if len(positive) else 1.0
 
 
 def numbers_of(scene: Scene, notes: Sequence[str] = ()) -> list[str]:
     """Text lines for a scene: sizes with their uncertainty, the interface, and notes."""
     rock, report = scene.rock, scene.report
     spread, registration = report.get("uncertainty", {}), report.get("registration", {})
-    downhill = scene.pedestal.downhill_azimuth_deg
     com = spread.get("com_std_m")
     if "com_m" in (report.get("unseen_base") or {}):
         com = None  # the notes give its interval over the drawn bases, which includes all uncertainty
@@ -381,8 +368,7 @@ def numbers_of(scene: Scene, notes: Sequence[str] = ()) -> list[str]:
         f"volume {volume_text(report, rock.volume_m3)}, height {rock.height_m:.4g} m",
         "centre of mass {:.3f}, {:.3f}, {:.3f}".format(*rock.com_m)
         + (" m" if com is None else " ± {:.2g}, {:.2g}, {:.2g} m (one standard deviation)".format(*com)),
-        f"interface falls {scene.pedestal.slope_deg:.2f}° toward azimuth "
-        f"{downhill:.1f}° ({float(compass_deg(downhill)):.0f}° compass)",
+        f"interface dips {scene.pedestal.slope_deg:.2f}° toward {quadrant_of(scene.pedestal.downhill_azimuth_deg)}",
         *_surface_of(report),
         "origin {:.1f}, {:.1f}, {:.1f} m".format(*scene.origin_m),
     ]
@@ -443,15 +429,17 @@ def scene_page(scene: Scene, name: str, notes: Sequence[str] = ()) -> str:
     """HTML of a scene: rock, pedestal, contact outline, cliff edges and statics, with numbers and notes."""
     low, high = scene.rock.vertices_m.min(axis=0), scene.rock.vertices_m.max(axis=0)
     stage = _stage(scene, 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low)), 35.0)
+    meanings = dict.fromkeys(meaning for *_, meaning in _interface_lines(scene))
     lines = "\n".join(numbers_of(scene, notes)).replace("\n  ", " ").split("\n")  # joins indented lines
     with style():
-        figure = Figure(figsize=(3.4, 3.6), layout="constrained")
+        figure = Figure(figsize=(3.4, 4.0), layout="constrained")
         axes = figure.add_subplot(projection="polar")
         assert isinstance(axes, PolarAxes)
         _draw_statics(axes, scene)
+        _add_legend(figure, 1)
     return rendered(
         "scene.html", kind="scene", title=f"{name}: scene", heading=name, stage=stage, lines=lines,
-        svg=Markup(svg_text(figure)), statics=statics_words(scene),
+        svg=Markup(svg_text(figure)), meanings="; ".join(meanings),
     )  # fmt: skip
 
 
@@ -499,7 +487,7 @@ def _stage(scene: Scene, target: Array, radius: float, azimuth_deg: float) -> di
     com = scene.rock.com_m
     rock = smooth_surface(scene.rock.vertices_m - com, scene.rock.faces, ROCK_COLOUR)
     eye = view_frame(ELEVATION_DEG, azimuth_deg)[:, 2]
-    lines = [{"points": _rounded(line), "colour": colour} for line, _, colour in _interface_lines(scene)]
+    lines = [{"points": _rounded(line), "colour": colour} for line, _, colour, _ in _interface_lines(scene)]
     return {
         "rock": {**_encoded(rock), "origin": com.tolist()},
         "pedestal": _encoded(smooth_surface(*scene.pedestal_triangles(), PEDESTAL_COLOUR)),

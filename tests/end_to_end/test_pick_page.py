@@ -78,6 +78,29 @@ def test_what_a_click_gets_wrong_is_told_with_its_remedy_and_taken_back(page, cl
 
 
 @needs_driver
+def test_what_narrows_most_is_named_and_a_click_goes_there_and_a_false_pull_is_told(page):
+    browser, _ = page
+    first = "document.querySelector('#next button')"
+    named = browser.run(f"return {first}.textContent")
+    assert re.fullmatch(r"a pull toward \w+|seeing whether it touches between \w+ and \w+", named)
+    browser.run(f"{first}.click()")
+    if named.startswith("a pull"):
+        assert browser.run("return document.getElementById('pull').azimuth.value") == named.split()[-1]
+    else:
+        assert browser.run("return document.querySelector('[aria-checked=true]').dataset.mode") == "touch"
+    said = "document.getElementById('warnings').innerText"
+    assert browser.run(f"return {said}") == ""
+    browser.run("""
+        const form = document.getElementById("pull");
+        form.azimuth.value = "N40E"; form.ratio.value = 2; form.requestSubmit();
+    """)
+    browser.until(f"{IDLE} == 'true' && {said}.includes('the pull of 2')")
+    assert "--" not in browser.run(f"return {said}")  # the page's words, not the command's options
+    browser.keys("z", held=CONTROL)
+    browser.until(f"{IDLE} == 'true' && {said} == ''")
+
+
+@needs_driver
 def test_the_plane_is_a_handle_and_a_drag_is_a_hint(page):
     browser, _ = page
     browser.click("[data-mode=plane]")

@@ -23,7 +23,7 @@ from toppling.orchestrator.run_folder import describe
 from toppling.results.reader import open_run
 
 ROCK = box(0.3, 0.2, 0.5).moved(np.eye(3), (0.4, -0.3, 0.5))
-TOLD = "the rock settles by 1.0° toward azimuth 180° (0.02 m at its farthest point) before it is shaken"
+TOLD = "the rock settles by 1.0° toward W (0.02 m at its farthest point) before it is shaken"
 
 
 def leaning(tilt_deg):

@@ -140,9 +140,10 @@ function placeMarks(from) {
 }
 
 const told = value => value.map(each => +each.toFixed(3)).join(", ");
+// The candidate whose top is nearest to the rock's is that rock, unless even its top is somewhere else.
 function isChosen(candidate) {
-  const top = state.answer?.top_m;
-  return top !== undefined && Math.hypot(candidate.top_m[0] - top[0], candidate.top_m[1] - top[1]) < 0.2 * candidate.height_m;
+  const top = state.answer?.top_m, away = each => Math.hypot(...each.top_m.map((value, k) => value - top[k]));
+  return top !== undefined && away(candidate) < 0.2 * candidate.height_m && state.candidates.every(each => away(each) >= away(candidate));
 }
 
 function listHints() {
@@ -169,21 +170,28 @@ function listHints() {
 }
 
 function showError(error) {
+  const was = at("error").textContent;
   at("error").hidden = !error;
+  at("error").replaceChildren();
   if (!error) return;
-  const parts = [make("strong", `${error.where ? error.where + ": " : ""}${error.what}`)];
-  if (error.expected) parts.push(make("p", `Expected: ${error.expected}`));
-  const here = REMEDIES.filter(([option]) => new RegExp(`--${option}\\b`).test(error.remedy));
+  const parts = [make("strong", inWords(`${error.where ? error.where + ": " : ""}${error.what}`))];
+  if (error.expected) parts.push(make("p", `Expected: ${inWords(error.expected)}`));
+  const here = REMEDIES.filter(([option]) => error.remedy.match(OPTION)?.includes(`--${option}`));
+  if (past.length) here.push(["", "take the last hint back", undo]);
   if (here.length) parts.push(make("p", ["What to do here: ", ...here.map(([, text, act]) => make("button", text, { type: "button", onclick: act }))]));
   // The command's own words serve where no control of the page does the same.
-  if (error.remedy && !here.length) parts.push(make("p", `What to do: ${error.remedy}`));
+  if (error.remedy && !here.some(([option]) => option)) parts.push(make("p", `What to do: ${error.remedy}`));
   at("error").replaceChildren(...parts);
+  if (at("error").textContent !== was) at("error").scrollIntoView({ block: "nearest" });
 }
 // What an option of the command does is a control here.
+const OPTION = /--[a-z]+(-[a-z]+)*/g;
+const inWords = text => text.replace(OPTION, option => REMEDIES.find(([name]) => option === `--${name}`)?.[1] ?? option);
 const field = (form, name) => () => at(form)[name].focus();
 const REMEDIES = [
   ...["near", "point", "plane", "touch", "daylight", "length"].map(name => [name, MODES.find(each => each[0] === name)[2], () => { setMode(name); at("view").focus(); }]),
   ["contact", "Touch", () => setMode("touch")], ["pull", "Pull", field("pull", "azimuth")], ["base", "Hidden base", field("base", "kind")],
+  ["touch-only", "Touches where I say and nowhere else", field("base", "only")],
   ["up", "Up", field("place", "up")], ["units", "Unit", field("place", "units")],
 ];
 // The server's refusal: what, its code, and lines that begin with "expected:" and "remedy:".
@@ -201,9 +209,12 @@ function showAnswer(answer) {
     ["pedestal", `dips ${answer.slope_deg.toFixed(1)}° toward ${bearingOf(answer.downhill_azimuth_deg)}`],
     ["surface", `${(100 * answer.surface.seen_share).toFixed(0)} % seen, ${(100 * answer.surface.invented_share).toFixed(0)} % invented`]];
   at("numbers").replaceChildren(...rows.flatMap(([name, value]) => [make("dt", name), make("dd", value)]));
-  at("notes").replaceChildren(...[...answer.sentences, ...answer.notes].map(each => make("li", each)));
+  const notes = [...answer.sentences, ...answer.notes], warns = note => note.startsWith("warning");
+  at("warnings").replaceChildren(...notes.filter(warns).map(each => make("li", inWords(each))));
+  at("notes").replaceChildren(...notes.filter(each => !warns(each)).map(each => make("li", inWords(each))));
   if (!answer.toppling) {
     at("plot").replaceChildren();
+    at("next").hidden = true;
     at("least").textContent = state.stage ? "" : answer.sentences[0] || "";
     return;
   }
@@ -213,7 +224,21 @@ function showAnswer(answer) {
   const least = answer.toppling.reduce((a, b) => a.median_m_s2 < b.median_m_s2 ? a : b);
   at("least").replaceChildren("Least acceleration that topples it: ", make("b", `${least.low_m_s2.toFixed(2)} to ${least.high_m_s2.toFixed(2)} m/s²`),
     ` (median ${least.median_m_s2.toFixed(2)}), of ground that accelerates toward ${bearingOf(least.azimuth_deg)}. Over all azimuths the interval is ${(100 * width(answer.toppling)).toFixed(0)} % of its median wide` + (before ? `, ${(100 * width(before)).toFixed(0)} % before (dashed).` : "."));
+  showNext(answer.next, width(answer.toppling));
 }
+
+// Observations by which the interval is expected to narrow, and where to say what was observed.
+function showNext(found, now) {
+  const percent = share => Math.round(100 * share), useful = found.filter(each => percent(each.width) < percent(now));
+  at("next").hidden = !useful.length;
+  at("next").replaceChildren("What narrows it most: ", ...useful.sort((a, b) => a.width - b.width).flatMap((each, k) => {
+    const [first, last] = [each.to_deg, each.from_deg].map(azimuth => bearingOf(azimuth)), pull = each.kind === "pull";
+    const text = pull ? `a pull toward ${first}` : `seeing whether it touches between ${first} and ${last}`;
+    const act = pull ? () => { at("pull").azimuth.value = first; at("pull").ratio.focus(); } : () => { setMode("touch"); lookFrom(0.5 * (each.from_deg + each.to_deg)); };
+    return [k ? ", or " : "", make("button", text, { type: "button", onclick: act }), ` (to about ${percent(each.width)} %)`];
+  }));
+}
+const lookFrom = azimuth => stage?.frame([Math.cos(azimuth * Math.PI / 180), Math.sin(azimuth * Math.PI / 180), 0.15]);
 
 function showCandidates(list) {
   at("rivals").hidden = !list || (list.length < 2 && state.answer !== null);
@@ -239,8 +264,9 @@ async function show(next) {
   if (stage && !handles.held) { stage.setPlane(planeNow()); handles.set(planeNow()); }
   const busy = state.stage !== "";
   at("stage").className = busy ? "busy" : "";
-  at("stage").textContent = busy ? state.stage : state.current ? `up to date; ${state.points.toLocaleString("en")} points` : "waiting for a hint";
-  at("legend").innerHTML = state.answer ? '<span class="rock"></span>rock<span class="pedestal"></span>pedestal<span class="rest"></span>neither' : "";
+  at("stage").textContent = busy ? state.stage : state.current ? `up to date; ${state.points.toLocaleString("en")} points` : state.error ? "refused: see the error" : "waiting for a hint";
+  at("legend").innerHTML = state.answer ? '<span class="rock"></span>rock<span class="pedestal"></span>pedestal<span class="rest"></span>neither<span class="contact"></span>' : "";
+  if (state.answer) at("legend").append(state.answer.contacts ? ["contacts: around all", ...state.answer.plane.outlines.map(each => `inside those of ${Math.round(100 * each.probability)} %`)].join(", ") : "contact");
   showError(state.error);
   showAnswer(state.answer);
   showCandidates(state.candidates);
@@ -392,6 +418,7 @@ at("pull").onsubmit = event => {
   if (azimuth === null) return;
   add("pull", [azimuth, +form.ratio.value]);
   form.reset();
+  document.activeElement?.blur();
 };
 at("base").kind.onchange = event => { add("base", event.target.value || null); event.target.blur(); };
 at("base").only.onchange = event => { add("touch_only", event.target.checked); event.target.blur(); };

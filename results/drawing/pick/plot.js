@@ -24,7 +24,8 @@ export function polar(table, before) {
   const svg = drawn("svg", { viewBox: `0 0 ${SIZE} ${SIZE}`, role: "img", "aria-label": "least constant acceleration of the ground that topples the rock, by azimuth" });
   for (let value = step; value <= outer + 1e-9; value += step) {
     svg.append(drawn("circle", { cx: MIDDLE, cy: MIDDLE, r: REACH * value / outer, fill: "none", stroke: "#dde1e6" }));
-    svg.append(drawn("text", { x: MIDDLE + 2, y: MIDDLE - REACH * value / outer - 2 }, `${+value.toFixed(2)}`));
+    const [x, y] = at(-60, value);  // between the winds
+    svg.append(drawn("text", { x: x + 2, y: y + 10 }, `${+value.toFixed(2)}${value + step > outer ? " m/s²" : ""}`));
   }
   for (const [azimuth, name] of [[0, "E"], [90, "N"], [180, "W"], [270, "S"]]) {
     const [x, y] = at(azimuth, outer), [u, v] = [MIDDLE + 1.14 * (x - MIDDLE), MIDDLE + 1.14 * (y - MIDDLE) + 4];

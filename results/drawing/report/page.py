@@ -15,7 +15,8 @@ import pandas as pd
 from toppling.models.errors import InputError, counted
 from toppling.models.files.documents import MOST_SHOWN
 from toppling.models.files.folder import new_file
-from toppling.models.hidden_base.intervals import base_sentences
+from toppling.models.frames import quadrant_of
+from toppling.models.hidden_base.intervals import base_sentences, volume_text
 from toppling.models.pedestal import FRICTION_SPREAD
 from toppling.models.scene import COM_SPREAD_SHARE, Scene
 from toppling.results.analysis import FEW, fits, resampling
@@ -36,7 +37,7 @@ from toppling.results.drawing.report.content import Content
 from toppling.results.drawing.report.headline import first_screen
 from toppling.results.drawing.roses import rose_figure
 from toppling.results.drawing.run_figures import few_records, fit_figure, fit_table
-from toppling.results.drawing.scene_figures import scene_picture, statics_words
+from toppling.results.drawing.scene_figures import scene_picture
 from toppling.results.drawing.sentences import age_words
 from toppling.results.drawing.style import (
     HALF_WIDTH_IN,
@@ -174,21 +175,22 @@ def _scene_section(content: Content, document: Document) -> list[Block]:
     settling = (content.run.provenance().get("settling") or {}).get("sentence")
     if content.scene is not None:
         scene = content.scene
-        caption = (
-            f"The rock {content.run.rock} on its pedestal, from three sides and from above (blue: outline of "
-            "all possible contacts, broken: of those in 50 and 95 % of the bases; black: cliff edge; dotted where "
-            f"hidden; +: centre of mass). Round: {statics_words(scene)}."
-        )
+        caption = f"The rock {content.run.rock} on its pedestal, from three sides and from above; dotted where hidden."
         parts.append(document.figure(lambda width: scene_picture(scene, width), caption))
         parts += map(sentence, base_sentences(content.run.scene_report()))
     if weights := content.run.weights():
         parts += map(sentence, sentences(weights.summary(content.frame)))
     if settling:
         parts.append(sentence(settling))
+    found = content.run.scene_report()
+    words = {
+        "volume_m3": lambda value: volume_text(found, value).replace(" m³", ""),
+        "downhill_azimuth_deg": lambda value: f"{value:.4g} ({quadrant_of(value)})",
+    }
     rows = [
         {
             "quantity": field.metadata[b"description"].decode(),
-            "value": table[field.name][0].as_py(),
+            "value": words.get(field.name, lambda value: value)(table[field.name][0].as_py()),
             "unit": _unit(field.metadata[b"unit"].decode()),
         }
         for field in table.schema

@@ -118,6 +118,14 @@ def test_only_the_latest_hints_are_worked_out(picking, work):
     assert len(work.splits) == 2
 
 
+def test_a_page_that_is_owed_an_answer_is_never_idle(picking, work):
+    work.go.set()
+    until(picking, lambda state: state["current"])
+    work.go.clear()
+    picking.say(NEAR[1])
+    assert picking.state()["stage"] in ("starting", "splitting")
+
+
 def test_a_refusal_is_told_and_goes_with_the_next_hint(picking, work, written):
     work.go.set()
     until(picking, lambda state: state["current"])

@@ -11,6 +11,7 @@ from refusals import refused, tells
 from toppling.models.errors import InputError
 from toppling.models.files.digest import seal_archive
 from toppling.models.files.schemas import GEOMETRY, LABELS, WORKED_OUT
+from toppling.models.frames import quadrant_of
 from toppling.models.hidden_base.inspection import Inspection, inspection_of
 from toppling.models.scan.hints_file import HINTS, KEYS, hints_text, read_hints, write_hints
 from toppling.models.scan.survey import CachedScan, save_survey, survey
@@ -42,7 +43,17 @@ def later(rock):
     again = ["scan", "--again", str(rock), "--out", str(rock.with_name("later"))]
     done = CliRunner().invoke(main, [*again, "--pull", "N50E", f"{bearable(rock)}"])
     assert done.exit_code == 0, done.output
+    downhill = described(rock.with_name("later"))["interface"]["downhill_azimuth_deg"]
+    assert f"° toward {quadrant_of(downhill)}; see" in done.output
     return rock.with_name("later")
+
+
+def test_a_scene_with_a_later_hint_outlines_its_contacts_for_maps_too(later):
+    found, features = described(later), json.loads((later / "contacts.geojson").read_text())["features"]
+    stated = [found["interface"], *found["interface"]["outlines"]]
+    for feature, outline in zip(features, stated, strict=True):
+        ring = np.array(feature["geometry"]["coordinates"][0][:-1])
+        np.testing.assert_allclose(ring, np.array(outline["outline_m"]) + found["origin_m"], atol=1e-4)
 
 
 @pytest.mark.thorough

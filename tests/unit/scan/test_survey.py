@@ -18,7 +18,7 @@ from toppling.models.scan.survey import save_survey, survey
 from toppling.models.scan.uncertainty import cap_share, invention_warning, spread_of
 from toppling.models.scene import Scene
 from toppling.models.statics import quasi_static_toppling_m_s2
-from toppling.results.drawing.scene_figures import draw_scene
+from toppling.results.drawing.scene_figures import draw_scene, scene_picture
 
 
 def test_nearly_every_point_gets_its_true_label(stump, surveyed):
@@ -88,6 +88,19 @@ def test_a_saved_scene_is_read_back_with_its_labels_and_survey_origin(stump, sur
     ring = np.array(all_contacts["geometry"]["coordinates"][0])
     assert (ring[0] == ring[-1]).all()
     assert Polygon(ring[:, :2]).contains_point((found.scene.rock.com_m + virtual.DEMO_ORIGIN_M)[:2])
+
+
+def test_the_picture_says_what_its_lines_are_and_draws_the_interval_that_is_stated(surveyed):
+    figure = scene_picture(surveyed.scene)
+    texts = [text.get_text() for text in figure.legends[0].get_texts()]
+    shares = [100 * each["probability"] for each in surveyed.scene.report["interface"]["outlines"]]
+    inside = [f"inside the contacts of {share:.0f} % of the bases" for share in shares]
+    assert texts[: 1 + len(shares)] == ["around all possible contacts", *inside]
+    lines = {line.get_label(): line for line in figure.axes[-1].lines}
+    table = surveyed.scene.report["unseen_base"]["toppling"]
+    medians = [each["median_m_s2"] for each in [*table, table[0]]]
+    np.testing.assert_allclose(lines["topples: median of the bases"].get_ydata(), medians)
+    assert "topples: 90 % of the bases" in texts
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""Common state of a running session: plan, cluster, progress, and the protocols of job selections and stages."""
+"""Common state of a running session: plan, cluster, progress, and the protocol of job selections."""
 
 import time
 from collections import Counter
@@ -78,7 +78,7 @@ ProgressCallback = Callable[[RunProgress], None]
 
 @dataclass(frozen=True)
 class Work:
-    """Context of a running session for its jobs and stages."""
+    """Context of a running session for its jobs, weights and audits."""
 
     planned: Plan
     folder: Path  # the run's folder
@@ -127,17 +127,3 @@ class JobSelection(Protocol):
 
     def __len__(self) -> int:
         """Total number of jobs, as far as known."""
-
-
-class Stage(Protocol):
-    """Further work on the same workers, before or after the jobs of a run."""
-
-    @property
-    def before(self) -> bool:
-        """Whether it precedes the jobs."""
-
-    def due(self, planned: Plan, folder: Path) -> int:
-        """Amount of work to do now, 0 for none; evaluated again after the jobs."""
-
-    def carry_out(self, work: Work) -> None:
-        """Do or resume the work."""

@@ -1,9 +1,9 @@
-"""Session of a run: locks its folder, does its stages and jobs, and merges its parts at the end."""
+"""Session of a run: locks its folder, weights its bases, does its jobs, merges its parts, and audits them."""
 
 import logging
 import os
 import time
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from contextlib import AbstractContextManager, ExitStack, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +11,7 @@ from typing import Any
 
 from distributed import Client
 
-from toppling.orchestrator.context import JobSelection, ProgressCallback, RunProgress, Stage, Work
+from toppling.orchestrator.context import JobSelection, ProgressCallback, RunProgress, Work
 from toppling.orchestrator.dask_cluster import make_ready
 from toppling.orchestrator.dispatch import USUAL_LIMITS, Limits
 from toppling.orchestrator.execution import work_off
@@ -19,7 +19,8 @@ from toppling.orchestrator.journal import journal, log_event
 from toppling.orchestrator.leaving import leaving_in_order
 from toppling.orchestrator.plan import Plan
 from toppling.orchestrator.run_folder import note, prepare, remarks, session, set_jobs
-from toppling.orchestrator.studies.conditioning import Weighing
+from toppling.orchestrator.studies.audit import audit_due, audit_run
+from toppling.orchestrator.studies.conditioning import lacks_weights, weigh_bases
 from toppling.orchestrator.task import COMPILING, is_compiled, versions
 from toppling.results.store import RESULTS_FILE, attempts_with, compact, finished_ids, result_files
 from toppling.workers.compile_once import compile_apart
@@ -35,16 +36,14 @@ def run(
     watch: ProgressCallback,
     limits: Limits = USUAL_LIMITS,
     again: Collection[str] = (),
-    stages: Sequence[Stage] = (),
 ) -> RunProgress:
     """Execute or resume a plan in a folder, which then contains `results.parquet`.
 
-    A new run first settles its rocks, and weights the bases where the campaign requests it.
+    A new run first settles its rocks, and weights the bases where the campaign requests it; its end is its audit.
 
     folder: the run's folder, created if absent.
     cluster: a client, or a context manager of one, which is entered only if there is work.
     again: statuses whose jobs are repeated; their old rows are valid until there are newer ones.
-    stages: work before and after the jobs, in addition to the weighting of bases.
     Returns RunProgress: progress of this session.
 
     Raises InputError if a rock does not stand, the folder is of another campaign, or workers cannot do the run.
@@ -73,7 +72,7 @@ def run(
                 set_jobs(folder, len(planned))
             progress = RunProgress(len(selection), len(finished - redo.keys()))
             begun = _Session(planned, folder, notes, selection, redo, progress)
-            begun.carry_out(cluster, watch, limits, [Weighing(run), *stages], finished)
+            begun.carry_out(cluster, watch, limits, finished)
         except BaseException as error:
             log_event("session ended", how=type(error).__name__, why=str(error))
             raise
@@ -97,19 +96,17 @@ class _Session:
         cluster: Client | AbstractContextManager[Client],
         watch: ProgressCallback,
         limits: Limits,
-        stages: Sequence[Stage],
         finished: set[str],
     ) -> None:
         """Do the remaining work until all rows exist; `finished` are jobs with rows when the session began."""
         planned, folder, selection, progress = self.planned, self.folder, self.selection, self.progress
-        first = [stage for stage in stages if stage.before and stage.due(planned, folder)]
-        last = [stage for stage in stages if not stage.before]
-        if not first:
+        weighs = lacks_weights(planned, folder)
+        if not weighs:
             left = selection.pending(finished - self.redo.keys())
             if not len(left):
                 left = selection.pending(self.merge())
             progress.total = len(selection)
-            if not len(left) and not any(stage.due(planned, folder) for stage in last):
+            if not len(left) and not audit_due(planned, folder):
                 return
 
         def tell(activity: str) -> None:
@@ -129,13 +126,11 @@ class _Session:
             )
             make_ready(client, *work.run_keys, tell=tell)
             progress.began = time.monotonic()  # a batch system may have kept it waiting for hours
-            for stage in first:
-                stage.carry_out(work)
+            if weighs:
+                weigh_bases(work, run)
             work_off(selection, work, self.merge)
             progress.ended = time.monotonic()
-            for stage in last:
-                if stage.due(planned, folder):
-                    stage.carry_out(work)
+            audit_run(work)
 
     def merge(self) -> set[str]:
         """Merge the parts of a complete run, and return its finished jobs: fewer than all if a part was damaged.

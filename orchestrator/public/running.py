@@ -152,7 +152,6 @@ def run(
     """
     from toppling.orchestrator.cluster import existing, local
     from toppling.orchestrator.run import run as carry_out
-    from toppling.orchestrator.studies.audit import Auditing
 
     chosen = campaign if isinstance(campaign, Campaign) else Campaign.read(campaign)
     folder = at_hand(out)
@@ -164,5 +163,5 @@ def run(
             check_writer()
             watch(progress)
 
-        session = carry_out(plan_of(chosen), folder, where, watching, limits, again, [Auditing()])
+        session = carry_out(plan_of(chosen), folder, where, watching, limits, again)
     return CarriedOut(folder, session)

@@ -197,38 +197,35 @@ def _alone(folder: Path) -> Iterator[Path]:
         yield home
 
 
-class Auditing:
-    """Stage that audits a run after its jobs, as its campaign requests."""
+def audit_due(planned: Plan, folder: Path) -> int:
+    """Number of jobs to audit, as the campaign requests, if some auditor has not finished them; else 0."""
+    return _due(planned, folder)[1]
 
-    before = False
 
-    def due(self, planned: Plan, folder: Path) -> int:
-        """Number of jobs to audit if some auditor has not finished them; else 0."""
-        return self._due(planned, folder)[1]
+def _due(planned: Plan, folder: Path) -> tuple[list[_Auditor], int]:
+    campaign, rows = planned.campaign, drawn(folder)
+    if campaign.audit is None:
+        able, count = affordable(campaign, rows, folder)
+    else:
+        able, count = _auditors(campaign), min(campaign.audit, len(rows))
+    least = min(count, run_integrity.LEAST_JOBS) if campaign.audit is None else count
+    chosen = _rows_of(planned, rows["job_id"][:count])
+    for auditor in able if count else ():
+        target = folder / run_integrity.AUDIT_FOLDER / auditor.name
+        run_integrity.check_audit(folder, target)
+        if len(auditor.plan(planned, chosen).ids & store.finished_ids(target)) < least:
+            return able, count
+    return [], 0
 
-    def _due(self, planned: Plan, folder: Path) -> tuple[list[_Auditor], int]:
-        campaign, rows = planned.campaign, drawn(folder)
-        if campaign.audit is None:
-            able, count = affordable(campaign, rows, folder)
-        else:
-            able, count = _auditors(campaign), min(campaign.audit, len(rows))
-        least = min(count, run_integrity.LEAST_JOBS) if campaign.audit is None else count
-        chosen = _rows_of(planned, rows["job_id"][:count])
-        for auditor in able if count else ():
-            target = folder / run_integrity.AUDIT_FOLDER / auditor.name
-            run_integrity.check_audit(folder, target)
-            if len(auditor.plan(planned, chosen).ids & store.finished_ids(target)) < least:
-                return able, count
-        return [], 0
 
-    def carry_out(self, work: Work) -> None:
-        """Run or resume the audit."""
-        campaign = work.planned.campaign
-        able, count = self._due(work.planned, work.folder)
-        jobs = count if campaign.audit else _FIRST_JOBS
-        while count:
-            audit(work, min(jobs, count), able)
-            if jobs >= count:
-                return
-            jobs *= 2
-            able, count = affordable(campaign, drawn(work.folder), work.folder)
+def audit_run(work: Work) -> None:
+    """Audit a run as its campaign requests, or resume that."""
+    campaign = work.planned.campaign
+    able, count = _due(work.planned, work.folder)
+    jobs = count if campaign.audit else _FIRST_JOBS
+    while count:
+        audit(work, min(jobs, count), able)
+        if jobs >= count:
+            return
+        jobs *= 2
+        able, count = affordable(campaign, drawn(work.folder), work.folder)

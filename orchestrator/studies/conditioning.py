@@ -9,7 +9,7 @@ that no weight is 0. The probabilities of several motions are multiplied.
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -34,32 +34,21 @@ _Run = Callable[..., object]
 """Function that executes a plan in a folder (`orchestrator.run.run`)."""
 
 
-@dataclass(frozen=True)
-class Weighing:
-    """Stage that weights the bases, before the jobs, by the motions that the rock survived."""
+def lacks_weights(planned: Plan, folder: Path) -> bool:
+    """Whether there are survived motions and no weights yet; damaged weights are refused before any work."""
+    if planned.recorded and (folder / WEIGHTS_FILE).exists():
+        Weights.read(folder)
+        return False
+    return planned.recorded is not None
 
-    run: _Run
-    before: bool = True
 
-    def due(self, planned: Plan, folder: Path) -> bool:
-        """Whether there are survived motions and no weights yet; damaged weights are refused before any work."""
-        if not planned.recorded:
-            return False
-        if (folder / WEIGHTS_FILE).exists():
-            Weights.read(folder)
-            return False
-        return True
-
-    def carry_out(self, work: Work) -> None:
-        """Compute and write the weights."""
-        planned = work.planned
-        assert planned.recorded is not None
-        shake = partial(
-            self.run, cluster=nullcontext(work.client), watch=weighing(work.watch), limits=work.limits
-        )
-        weigh(planned.campaign, planned.recorded, work.folder / stood.FOLDER, shake).write(
-            work.folder, planned.id
-        )
+def weigh_bases(work: Work, run: _Run) -> None:
+    """Compute and write the weights of a run's bases, by `orchestrator.run.run`."""
+    planned = work.planned
+    assert planned.recorded is not None
+    shake = partial(run, cluster=nullcontext(work.client), watch=weighing(work.watch), limits=work.limits)
+    weights = weigh(planned.campaign, planned.recorded, work.folder / stood.FOLDER, shake)
+    weights.write(work.folder, planned.id)
 
 
 def weighing(watch: ProgressCallback) -> ProgressCallback:

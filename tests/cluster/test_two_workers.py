@@ -26,7 +26,7 @@ from toppling.orchestrator.dispatch import Limits
 from toppling.orchestrator.plan import plan, plan_of
 from toppling.orchestrator.run import run
 from toppling.orchestrator.status import state_of
-from toppling.orchestrator.studies.audit import Auditing, audit
+from toppling.orchestrator.studies.audit import audit, audit_due
 from toppling.orchestrator.task import RunKey, versions
 from toppling.results.reader import open_run
 
@@ -131,13 +131,13 @@ def test_workers_of_another_version_or_that_see_another_scene_are_refused_before
 def test_a_run_audits_itself_and_its_rows_stay_what_they_are(campaign, client, undisturbed, tmp_path):
     audited = dataclasses.replace(campaign, audit=40)
     folder = tmp_path / "run"
-    run(plan_of(audited), folder, nullcontext(client), lambda progress: None, stages=[Auditing()])
+    run(plan_of(audited), folder, nullcontext(client), lambda progress: None)
     assert sorted_answers(open_run(folder).table()) == undisturbed
     state = state_of(folder)
     assert state["audit"]["jobs"] == 40
     assert state["audit"]["engines"]["mujoco"]["jobs"] == 40
     planned = plan(audited, Scene.load(audited.scene), Ensemble.load(audited.ensemble))
-    assert Auditing().due(planned, folder) == 0
+    assert audit_due(planned, folder) == 0
     # More jobs add to those that were done.
     progresses = audit(
         Work(planned, folder, versions(), client, lambda progress: None, RunProgress(46, 0)), 46

@@ -199,8 +199,8 @@ def test_an_audit_costs_at_most_a_tenth_of_the_run_though_its_first_repetitions_
 
     monkeypatch.setattr(audits, "audit", repeat)
     monkeypatch.setattr(audits, "drawn", lambda _: rows)
-    monkeypatch.setattr(audits.Auditing, "_due", lambda *_: affordable(campaign, rows, tmp_path))
-    audits.Auditing().carry_out(SimpleNamespace(planned=SimpleNamespace(campaign=campaign), folder=tmp_path))
+    monkeypatch.setattr(audits, "_due", lambda *_: affordable(campaign, rows, tmp_path))
+    audits.audit_run(SimpleNamespace(planned=SimpleNamespace(campaign=campaign), folder=tmp_path))
     assert min(done.values()) >= 40
     assert 400.0 < sum(sum(cost_s[name][:jobs]) for name, jobs in done.items()) < 500.0
     write_part(home / "reference", [row(f"{number:024x}", wall_s=90.0) for number in range(5000, 5010)])

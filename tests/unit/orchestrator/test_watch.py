@@ -1,15 +1,19 @@
-"""A run in a browser: what the page is told, who may ask, and that nothing in the run changes."""
+"""A run in a browser: what the page is told, who may ask, how it is opened, and that nothing in the run changes."""
 
 import hashlib
 import http.client
 import json
+import os
+import signal
 import subprocess
+import sys
 import threading
 from datetime import UTC, datetime, timedelta
 
 import pytest
 from browser import BROWSER, needs_browser
 from small_campaigns import planned_in
+from waiting import wait_until
 
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
@@ -107,3 +111,41 @@ def test_a_browser_draws_the_map_and_runs_nothing_that_a_run_says(server, tmp_pa
     assert "&lt;img src=x" in done.stdout
     assert "owned</title>" not in done.stdout
     assert not [line for line in done.stderr.splitlines() if "CONSOLE" in line]
+
+
+PROGRAM = """
+from toppling.orchestrator.loopback import Answers, Loopback
+from toppling.orchestrator.verbs.shared_options import served
+server = Loopback(Answers)
+print(server.secret, flush=True)
+served(server, "page", True, "ended")
+"""
+PRETENDED = """#!{python}
+import json, os, pathlib, stat, sys, urllib.request
+page = pathlib.Path(urllib.request.url2pathname(sys.argv[-1].removeprefix("file://")))
+seen = {{"argv": sys.argv, "page": str(page), "text": page.read_text()}}
+seen["modes"] = [stat.S_IMODE(path.stat().st_mode) for path in (page, page.parent)]
+told = pathlib.Path(__file__).with_name("seen.json")
+told.with_suffix(".tmp").write_text(json.dumps(seen))
+told.with_suffix(".tmp").replace(told)
+"""
+
+
+def test_no_argument_of_the_browser_holds_the_secret_and_only_this_account_reads_the_page(tmp_path):
+    browser, seen = tmp_path / "browser", tmp_path / "seen.json"
+    browser.write_text(PRETENDED.format(python=sys.executable))
+    browser.chmod(0o755)
+    began = subprocess.Popen(
+        [sys.executable, "-c", PROGRAM], env=os.environ | {"BROWSER": str(browser)},
+        stdout=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    secret = began.stdout.readline().strip()
+    wait_until(seen.exists)
+    found = json.loads(seen.read_text())
+    assert len(secret) > 16
+    assert secret not in " ".join(found["argv"])
+    assert secret in found["text"]
+    assert found["modes"] == [0o600, 0o700]
+    began.send_signal(signal.SIGINT)
+    began.communicate(timeout=60.0)
+    assert not os.path.exists(found["page"])  # noqa: PTH110

@@ -1,18 +1,6 @@
 """Scenes and motions, independent of engines and clusters."""
 
 __all__ = [
-    "alone",
-    "arrays",
-    "caching",
-    "compiled",
-    "errors",
-    "frames",
-    "lengths",
-    "pedestal",
-    "relief",
-    "rock",
-    "scene",
-    "shapes",
-    "statics",
-    "terminal",
+    "alone", "arrays", "caching", "compiled", "errors", "frames", "lengths", "pedestal", "relief", "rock", "scene",
+    "shapes", "statics", "terminal",
 ]  # fmt: skip

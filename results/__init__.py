@@ -1,11 +1,3 @@
 """Results: schema and store of a run, queries, fragility, figures, hazard constraints."""
 
-__all__ = [
-    "queries",
-    "reader",
-    "replayed_job",
-    "run_integrity",
-    "schema",
-    "store",
-    "weights",
-]  # fmt: skip
+__all__ = ["queries", "reader", "replayed_job", "run_integrity", "schema", "store", "weights"]

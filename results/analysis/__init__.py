@@ -1,21 +1,8 @@
 """Statistics of a run's result rows: toppling probabilities, fragility curves and their uncertainty. No drawing."""
 
 __all__ = [
-    "CONFIDENCE",
-    "DIRECTION_BINS",
-    "FEW",
-    "HEADLINE_MEASURE",
-    "NARROW_RECORDS",
-    "SAMPLES",
-    "audit_statistics",
-    "constraint",
-    "exchange",
-    "fits",
-    "fragility",
-    "lognormal",
-    "plane_reference",
-    "resampling",
-    "side_by_side",
+    "CONFIDENCE", "DIRECTION_BINS", "FEW", "HEADLINE_MEASURE", "NARROW_RECORDS", "SAMPLES", "audit_statistics",
+    "constraint", "exchange", "fits", "fragility", "lognormal", "plane_reference", "resampling", "side_by_side",
     "unphysical",
 ]  # fmt: skip
 

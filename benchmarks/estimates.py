@@ -37,7 +37,8 @@ def main() -> None:
     for name, axes in CAMPAIGNS.items():
         told = {key: value for key, value in axes.items() if key != "every"}
         records = motions.record_ids[:: int(str(axes["every"]))]
-        inputs = {"scene": str(scene), "ensemble": str(ensemble), "friction": [1.0], "records": records}
+        inputs = {"scene": str(scene), "ensemble": str(ensemble), "friction": [1.0], "records": records,
+            "audit": 0}  # fmt: skip
         planned = plan(Campaign.of(inputs | told, Path()), rock, motions)
         expected = estimate(planned)
         with tempfile.TemporaryDirectory() as folder:

@@ -14,8 +14,7 @@ from scipy.spatial.distance import cdist
 from toppling.models.arrays import Array, Flags, Indices, at_most
 from toppling.models.hidden_base.near_interface import DRAWN, SIDE_TANGENT, NearInterface, UnseenSide
 from toppling.models.scan.crevice import Grid, check_seen, smooth_sheet
-from toppling.models.scan.directions import SECTORS, sectors
-from toppling.models.scan.interface import Interface
+from toppling.models.scan.interface import SECTORS, Interface, sectors
 from toppling.models.scan.interface_hint import InterfaceHint
 
 _JITTER = 1e-6

@@ -10,7 +10,7 @@ from scipy.special import ndtri
 
 from toppling.models.arrays import Array, Flags, Indices
 from toppling.models.scan.crevice import not_strays
-from toppling.models.scan.directions import SECTORS, sectors, widest_gap_deg
+from toppling.models.scan.interface import SECTORS, sectors, widest_gap_deg
 
 _RIMS_PER_HEIGHT, _ENOUGH = (0.06, 0.12, 0.24), 300
 """Heights over the interface up to which the seen underside shapes the hidden one: the first with so many points, as a

@@ -18,6 +18,6 @@ class _OnFirstUse:
 o3d: Any = _OnFirstUse()
 
 __all__ = [
-    "candidates", "close", "crevice", "directions", "hints_file", "interface", "interface_hint", "parts",
+    "candidates", "close", "crevice", "hints_file", "interface", "interface_hint", "parts",
     "placement", "read", "register", "segment", "surfels", "survey", "uncertainty", "virtual",
 ]  # fmt: skip

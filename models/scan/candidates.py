@@ -10,8 +10,7 @@ from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 from scipy.spatial import cKDTree
 
 from toppling.models.arrays import Array, Flags, Indices, bounds_of, distinct, inside_cylinder
-from toppling.models.scan.directions import SECTORS, sectors
-from toppling.models.scan.interface import Interface, fitted_plane
+from toppling.models.scan.interface import SECTORS, Interface, fitted_plane, sectors
 from toppling.models.scan.surfels import LEVEL, Surfels, orient, thin
 from toppling.models.shapes import joined_parts
 

@@ -16,8 +16,7 @@ from scipy.spatial import ConvexHull, cKDTree
 
 from toppling.models.arrays import Array, Flags, Indices, bounds_of, inside_box
 from toppling.models.errors import InputError
-from toppling.models.scan.directions import middle, sectors
-from toppling.models.scan.interface import Interface
+from toppling.models.scan.interface import Interface, middle, sectors
 from toppling.models.scan.segment import PEDESTAL, ROCK
 from toppling.models.scan.surfels import voxels
 

@@ -12,9 +12,8 @@ from toppling.models.arrays import Array, Flags
 from toppling.models.errors import InputError, refusals
 from toppling.models.files.table import Table, places_in
 from toppling.models.frames import plane_normal, slope_of_normal
-from toppling.models.scan.directions import direction_text
 from toppling.models.scan.hints_file import outside_cloud
-from toppling.models.scan.interface import Interface, fit_interface
+from toppling.models.scan.interface import Interface, direction_text, fit_interface
 from toppling.models.scan.surfels import Surfels
 from toppling.models.scan.text import named_columns
 

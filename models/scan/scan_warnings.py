@@ -17,16 +17,17 @@ from toppling.models.rock import Rock
 from toppling.models.scan import o3d
 from toppling.models.scan.candidates import LEAST_SURFELS
 from toppling.models.scan.close import ClosedRock
-from toppling.models.scan.directions import (
+from toppling.models.scan.interface import (
     SECTORS,
+    Interface,
     ScanWarning,
     azimuth_text,
     direction_text,
+    fit_interface,
     middle,
     sectors,
     widest_gap_deg,
 )
-from toppling.models.scan.interface import Interface, fit_interface
 from toppling.models.scan.interface_hint import OFF_PER_HEIGHT
 from toppling.models.scan.segment import ROCK
 from toppling.models.scan.surfels import scene_of_rays

@@ -11,8 +11,7 @@ from toppling.models.errors import InputError
 from toppling.models.hidden_base.near_interface import NearInterface, SidesSeen
 from toppling.models.rock import Rock
 from toppling.models.scan.close import ClosedRock
-from toppling.models.scan.directions import middle
-from toppling.models.scan.interface import Interface
+from toppling.models.scan.interface import Interface, middle
 from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scan.surfels import Surfels
 from toppling.models.scene import Scene

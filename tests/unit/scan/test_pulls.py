@@ -10,8 +10,7 @@ from toppling.models.hidden_base.draw_bases import AZIMUTHS_DEG, DRAWS, ENOUGH, 
 from toppling.models.hidden_base.evidence import conditioned, pulls_log_likelihood
 from toppling.models.hidden_base.gap import resampled
 from toppling.models.hidden_base.intervals import LOOK, PULL
-from toppling.models.hidden_base.next_look import observations
-from toppling.models.hidden_base.standing import intervals
+from toppling.models.hidden_base.standing import intervals, observations
 from toppling.models.scan.interface import Interface
 
 TURNS_DEG = np.arange(0.0, 360.0, 30.0)

@@ -37,8 +37,8 @@ EQUILIBRIUM_MARGIN = 1e-9
 class Limits(NamedTuple):
     """Limits of a constant horizontal ground acceleration, slowly applied, toward an azimuth.
 
-    tips_m_s2: the largest at which the rock is at rest without slip, in its pose or in one into which it tips up to
-    45 degrees. Zero where gravity alone topples it, infinite where no acceleration of this azimuth does.
+    tips_m_s2: the largest at which the rock is at rest, in its pose or in one into which it tips up to 45 degrees;
+    without slip if it slides before. Zero where gravity alone topples it, infinite where no acceleration does.
     slides_m_s2: the least at which static friction does not hold it on its way there; infinite where it always does.
     """
 

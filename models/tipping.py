@@ -1,13 +1,16 @@
 """Statics of a rock on a surface, followed from pose to pose along the path on which a growing acceleration tips it.
 
-In each pose the contacts tell up to which acceleration the rock stays without slip (:mod:`toppling.models.pivots`), and
-which their friction cones hold (:mod:`toppling.models.ground.equilibrium`). Beyond the former it turns by small steps
-about the axis that gains most energy, on one smooth contact along its equilibria.
+A rock leaves a pose where a rotation without slip gains energy (:mod:`toppling.models.pivots`) and friction does not
+prevent it: contacts with other normals, or at other heights, may hold on. Friction holds what the contact solver of the
+shakes keeps at rest (:mod:`toppling.models.ground.equilibrium`); where it holds less than rest without slip takes, the
+rock slides. From there it turns by small steps about the axis that gains most energy, on one smooth contact along its
+equilibria.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -18,7 +21,7 @@ from toppling.models.errors import InputError
 from toppling.models.frames import horizontal_unit_vector
 from toppling.models.ground.body import GroundedBody
 from toppling.models.ground.contacts import LEANING, MOST
-from toppling.models.ground.equilibrium import farthest_load, shortest, wrenches
+from toppling.models.ground.equilibrium import acceleration_from_rest, held_up_to_m_s2, shortest
 from toppling.models.ground.rolling import FIRST_KEY as FIRST_SMOOTH_KEY
 from toppling.models.ground.stepping import Grounded, contacts_at
 from toppling.models.pivots import Turn, carried_on, crossed, tips_m_s2, turn_under
@@ -46,8 +49,8 @@ much over the unevenness of its base, or in a fall of 4 degrees about an edge.""
 _BEYOND = 0.01
 """Share by which the acceleration that moves the rock on, and a hundredth of g, exceed the largest at rest."""
 
-_SHORT_OF = 1e-3
-"""Share of the acceleration in a pose at whose border friction is not asked: contacts are known to some micrometres."""
+_UNSURE = 1e-3
+"""Share of an acceleration, and of g, up to which two are equal: contacts are known to some micrometres."""
 
 _ROLLED_RAD, _BALANCED_RAD, _MOST_CORRECTIONS = 1e-3, 1e-4, 3
 """Angle by which a rock on one smooth contact is rolled to see how its balance changes; from its equilibrium, of one
@@ -74,8 +77,9 @@ def _followed(body: GroundedBody, azimuth_deg: float) -> tuple[float, float]:
     Raises InputError if the path does not end.
     """
     for touching_share in _TOUCHING_SHARES:
-        if (found := _path(body, azimuth_deg, touching_share)) is not None:
-            return found
+        path = _Path(body, azimuth_deg, touching_share * body.size_m)
+        if any(path.ends() for _ in range(_MOST_STEPS)):
+            return path.best_m_s2, path.slides_m_s2
     raise InputError(
         "scene.statics_unfinished",
         f"the rock rocks over more than {_MOST_STEPS} contacts where the ground accelerates toward {azimuth_deg:g}",
@@ -85,86 +89,151 @@ def _followed(body: GroundedBody, azimuth_deg: float) -> tuple[float, float]:
     )
 
 
-def _path(body: GroundedBody, azimuth_deg: float, touching_share: float) -> tuple[float, float] | None:
-    """The same with one tolerance of gaps; None if the path does not end.
+class _Support(NamedTuple):
+    """What carries a rock in a pose."""
+
+    near: np.ndarray  # contacts that a step may reach
+    apart: np.ndarray  # of these, those that do not touch
+    touching: np.ndarray
+    rolls: bool  # on smooth contacts alone
+    rests: bool
+    held_m_s2: float  # largest acceleration at rest
+    slides_m_s2: float  # the one from which on friction does not hold what is at rest without slip
+
+
+class _Path:
+    """A rock under an acceleration that grows slowly toward one azimuth.
 
     Where a pose supports less than the best so far, the rock gathers energy, and turns on as it did; contacts that land
     take of it. The path ends beyond the largest tilt, or where what stands beside the rock catches it.
     """
-    size_m, g, load = body.size_m, body.gravity_m_s2, body.load_m_s2()
-    push = -horizontal_unit_vector(azimuth_deg) @ body.scene_from_support
-    sim, start = body.clockless(body.resting_pose, 1.0), body.resting_pose
-    best, held, gathered_j_kg, slides, short, travel_m = 0.0, 0.0, 0.0, np.inf, 0, 0.25 * _STEP_SHARE * size_m
-    pose = _pressed(body, start, _near(sim, start, travel_m), load * (_PRESSED_SHARE * size_m / g))
-    last = peak = prior = pose
-    turn, turns_on, pivot_m, corrections, rolled, moves, fell = None, None, pose[:3], 0, False, False, False
-    for _ in range(_MOST_STEPS):
-        near = _near(sim, pose, travel_m)
-        touching = near[near["gap_m"] < touching_share * size_m]
-        rolls = len(touching) > 0 and touching["key"].min() >= FIRST_SMOOTH_KEY
-        off_rad = np.inf
-        if rolls and len(touching) == 1:
-            onward, back, off_rad = _rolled_on(sim, pose, touching, push, turn)
-            if _BALANCED_RAD < off_rad < _STEP_SHARE and corrections < _MOST_CORRECTIONS:
-                corrections += 1
-                pose = _closed(body, sim, _about(pose, back, off_rad), travel_m)
-                continue
-        corrections = 0
-        most = tips_m_s2(touching["arm_m"], touching["normal"], size_m, load, push)
-        if len(touching):
-            held = _balanced_m_s2(touching, load, push) if most is None else most
-        rests = rolls or most is not None
-        beyond = abs(start[3:] @ pose[3:]) < _TIPPED_COSINE or np.linalg.norm(pose[:3] - start[:3]) > size_m
-        lost = rolled and last is peak and pose is not peak and (held < best or beyond)
-        if lost and travel_m > _LEAST_STEP_SHARE * size_m:
+
+    def __init__(self, body: GroundedBody, azimuth_deg: float, touching_m: float) -> None:
+        self.body, self.size_m, self.g, self.load = body, body.size_m, body.gravity_m_s2, body.load_m_s2()
+        self.push = -horizontal_unit_vector(azimuth_deg) @ body.scene_from_support
+        self.touching_m, self.travel_m = touching_m, 0.25 * _STEP_SHARE * self.size_m
+        self.start, self.sim = body.resting_pose, body.clockless(body.resting_pose, 1.0)
+        shift_m = self.load * (_PRESSED_SHARE * self.size_m / self.g)
+        self.pose = _pressed(body, self.start, _near(self.sim, self.start, self.travel_m), shift_m)
+        self.last = self.peak = self.prior = self.pose
+        self.best_m_s2, self.slides_m_s2, self.gathered_j_kg = 0.0, np.inf, 0.0
+        self.turn: Turn | None = None
+        self.pivot_m, self.fell, self.rolled = self.pose[:3], False, False
+        self.short = self.corrections = 0
+
+    def ends(self) -> bool:
+        """Take a step; whether there was none to take."""
+        at, onward, off_rad = self._support(), None, np.inf
+        if at.rolls and len(at.touching) == 1:
+            onward, back, off_rad = _rolled_on(self.sim, self.pose, at.touching, self.push, self.turn)
+            if _BALANCED_RAD < off_rad < _STEP_SHARE and self.corrections < _MOST_CORRECTIONS:
+                self.corrections += 1
+                self.pose = _closed(self.body, self.sim, _about(self.pose, back, off_rad), self.travel_m)
+                return False
+        self.corrections, away_m = 0, float(np.linalg.norm(self.pose[:3] - self.start[:3]))
+        beyond = abs(self.start[3:] @ self.pose[3:]) < _TIPPED_COSINE or away_m > self.size_m
+        lost = self.rolled and self.last is self.peak is not self.pose
+        lost = lost and bool(at.held_m_s2 < self.best_m_s2 or beyond)
+        if lost and self.travel_m > _LEAST_STEP_SHARE * self.size_m:
             # The largest lies between the pose before and this one: go back, and take shorter steps between them.
-            pose = last = prior
-            near, short = _near(sim, pose, travel_m), 8
-            travel_m = next_m = 0.25 * travel_m
-            touching = near[near["gap_m"] < touching_share * size_m]
-            if len(touching) == 1:
-                onward, _, off_rad = _rolled_on(sim, pose, touching, push, turn)
+            self.pose = self.last = self.prior
+            at, self.short, turns_on = self._support(), 8, None
+            next_m = self.travel_m = 0.25 * self.travel_m
+            if len(at.touching) == 1:
+                onward, _, off_rad = _rolled_on(self.sim, self.pose, at.touching, self.push, self.turn)
+        elif beyond:
+            return True
         else:
-            if beyond:
-                break
-            gathered_j_kg = max(gathered_j_kg + float((load + best * push) @ (pose[:3] - last[:3])), 0.0)
-            if turn is not None:
-                turn = Turn(pivot_m - pose[:3], turn.axis)
-                axes = Rotation.from_quat(pose[3:]).as_matrix()
-                inertia_m2 = axes * body.inertia_m2 @ axes.T
-                turns_on, kept = carried_on(turn, touching["arm_m"], touching["normal"], inertia_m2, size_m)
-                gathered_j_kg *= kept
-            much = gathered_j_kg > _GATHERED * size_m * g
-            fell = fell or (much and float(load @ (pose[:3] - last[:3])) > 0.0)
-            moves = much
-            if not rolls:
-                apart = near[near["gap_m"] >= touching_share * size_m]
-                moves = turns_on is not None and gathered_j_kg > _climb(turns_on, load + best * push, apart)
-            if held > best + _ROUNDING * g and rests and not moves:
-                if fell and not _stands_on_what_is_below(body, touching, push):
-                    break
-                if slides == np.inf:
-                    between = best, min(held, _MOST_GRAVITIES * g)
-                    slides = _slides_m_s2(body, touching, push, between, rolls and most is None)
-                if held > _MOST_GRAVITIES * g:
-                    return np.inf, slides
-                best, gathered_j_kg, fell, peak, prior, rolled = held, 0.0, False, pose, last, rolls
-            last, short = pose, short - 1
-            next_m = _next_travel_m(near, travel_m if short > 0 else _STEP_SHARE * size_m, size_m)
-        # Elsewhere than at rest it goes on under the acceleration that moved it, to where that holds it again.
-        held_m_s2 = max(best, min(held, _MOST_GRAVITIES * g)) if rests else best
-        force = load + ((1.0 + _BEYOND) * held_m_s2 + _BEYOND * g) * push
-        turn = turns_on if moves else turn_under(touching["arm_m"], touching["normal"], size_m, force)
-        turn = onward if off_rad < _STEP_SHARE else turn
-        if turn is None:  # nothing carries it on
-            best = max(best, held) if rests else best
-            break
-        pivot_m = pose[:3] + turn.arm_m
-        apart = near[near["gap_m"] >= touching_share * size_m]
-        pose, travel_m = _closed(body, sim, _turned(body, pose, apart, turn, travel_m), next_m), next_m
-    else:
-        return None
-    return best, slides
+            turns_on = self._carried_on(at)
+            if turns_on is None and at.rests and at.held_m_s2 > self.best_m_s2 + _ROUNDING * self.g:
+                if self.fell and not _stands_on_what_is_below(self.body, at.touching, self.push):
+                    return True
+                self.slides_m_s2 = min(self.slides_m_s2, at.slides_m_s2)
+                self.best_m_s2 = at.held_m_s2 if at.held_m_s2 <= _MOST_GRAVITIES * self.g else np.inf
+                if self.best_m_s2 == np.inf:
+                    return True
+                self.gathered_j_kg, self.fell, self.rolled = 0.0, False, at.rolls
+                self.peak, self.prior = self.pose, self.last
+            self.last, self.short = self.pose, self.short - 1
+            longest_m = self.travel_m if self.short > 0 else _STEP_SHARE * self.size_m
+            next_m = _next_travel_m(at.near, longest_m, self.size_m)
+        return not self._turns(at, onward if off_rad < _STEP_SHARE else turns_on, next_m)
+
+    def _support(self) -> _Support:
+        near = _near(self.sim, self.pose, self.travel_m)
+        touches = near["gap_m"] < self.touching_m
+        touching = near[touches]
+        rolls = len(touching) > 0 and touching["key"].min() >= FIRST_SMOOTH_KEY
+        return _Support(near, near[~touches], touching, rolls, *self._held(touching, rolls))
+
+    def _held(self, touching: np.ndarray, rolls: bool) -> tuple[bool, float, float]:
+        """Whether a rock rests, up to which acceleration, and from which on it slides.
+
+        It leaves its pose where a rotation without slip gains energy and friction does not prevent it.
+        """
+        most = tips_m_s2(touching["arm_m"], touching["normal"], self.size_m, self.load, self.push)
+        grips, balances, highest = touching, rolls and most is None, _MOST_GRAVITIES * self.g
+        if balances:  # the moment of smooth contacts about the centre of mass is none but in this pose
+            most = _balanced_m_s2(touching, self.load, self.push)
+            grips, highest = touching.copy(), min(most, highest)
+            grips["arm_m"] = 0.0
+        between, inertia_m2 = (self.best_m_s2, max(self.best_m_s2, highest)), self._inertia_m2()
+        gripped = held_up_to_m_s2(grips, self.body.friction[0], inertia_m2, self.load, self.push, between)
+        if most is None:
+            if gripped is None and len(touching):
+                return False, _balanced_m_s2(touching, self.load, self.push), np.inf
+            return gripped is not None, gripped or self.best_m_s2, np.inf
+        slides = self.best_m_s2 if gripped is None else gripped
+        unsure_m_s2 = _UNSURE * (min(most, highest) + self.g)
+        if slides < most - unsure_m_s2:
+            return True, most, slides
+        return True, slides if slides > most + unsure_m_s2 and not balances else most, np.inf
+
+    def _inertia_m2(self) -> Array:
+        """Inertia (3, 3) over mass, in the axes of the support."""
+        axes = Rotation.from_quat(self.pose[3:]).as_matrix()
+        inertia_m2: Array = axes * self.body.inertia_m2 @ axes.T
+        return inertia_m2
+
+    def _carried_on(self, at: _Support) -> Turn | None:
+        """The rotation with which what energy is left carries the rock on; None if none does."""
+        force, moved_m = self.load + self.best_m_s2 * self.push, self.pose[:3] - self.last[:3]
+        self.gathered_j_kg = max(self.gathered_j_kg + float(force @ moved_m), 0.0)
+        if self.turn is None:
+            return None
+        turn = Turn(self.pivot_m - self.pose[:3], self.turn.axis)
+        contacts = at.touching["arm_m"], at.touching["normal"]
+        turns_on, kept = carried_on(turn, *contacts, self._inertia_m2(), self.size_m)
+        self.gathered_j_kg *= kept
+        moves = self.gathered_j_kg > _GATHERED * self.size_m * self.g
+        self.fell |= moves and float(self.load @ moved_m) > 0.0
+        if not at.rolls:
+            moves = turns_on is not None and self.gathered_j_kg > _climb(turns_on, force, at.apart)
+        return turns_on if moves else None
+
+    def _turns(self, at: _Support, turn: Turn | None, next_m: float) -> bool:
+        """Turn by a step; whether anything carries the rock on."""
+        if turn is None:
+            # Elsewhere than at rest it goes on under the acceleration that moved it, to where that holds it again.
+            force = self.load + ((1.0 + _BEYOND) * self.best_m_s2 + _BEYOND * self.g) * self.push
+            if self.slides_m_s2 == np.inf and not at.rolls:
+                moves = acceleration_from_rest(at.touching, self.body.friction[0], self._inertia_m2(), force)
+                turn = _turn_of(moves)
+            else:
+                turn = turn_under(at.touching["arm_m"], at.touching["normal"], self.size_m, force)
+        if turn is None:
+            return False
+        self.turn, self.pivot_m = turn, self.pose[:3] + turn.arm_m
+        turned = _turned(self.body, self.pose, at.apart, turn, self.travel_m)
+        self.pose, self.travel_m = _closed(self.body, self.sim, turned, next_m), next_m
+        return True
+
+
+def _turn_of(moves: Array) -> Turn | None:
+    """The rotation of a motion (6,), without what goes along its axis; None of a translation."""
+    velocity, spin = moves[:3], moves[3:]
+    rate = float(np.linalg.norm(spin))
+    return Turn(crossed(spin, velocity) / rate**2, spin / rate) if rate > 0.0 else None
 
 
 def _climb(turn: Turn, force: Array, apart: np.ndarray) -> float:
@@ -235,23 +304,6 @@ def _rolled_on(
         along = -along
     back = -now * changes / square @ axes
     return Turn(arm, along @ axes), Turn(arm, back / max(off := float(np.linalg.norm(back)), 1e-300)), off
-
-
-def _slides_m_s2(
-    body: GroundedBody, touching: np.ndarray, push: Array, between: tuple[float, float], rolls: bool
-) -> float:
-    """Least acceleration between two that friction does not hold in a pose; infinite where it holds all.
-
-    rolls: the rock is balanced on smooth contacts, whose moment about the centre of mass is none but in this pose.
-    """
-    arms = 0.0 * touching["arm_m"] if rolls else touching["arm_m"]
-    columns = wrenches(arms, touching["normal"], body.friction[0])
-    low, high = between
-    enough = high - _SHORT_OF * (high + body.gravity_m_s2)
-    if farthest_load(columns, body.load_m_s2(), push, body.size_m, more_than=max(enough, low)) is not None:
-        return np.inf
-    far = farthest_load(columns, body.load_m_s2(), push, body.size_m)
-    return low if far is None else max(far, low)
 
 
 def _turned(body: GroundedBody, pose: Array, apart: np.ndarray, turn: Turn, travel_m: float) -> Array:

@@ -17,7 +17,7 @@ from toppling.models.errors import InputError
 from toppling.models.frames import plane_axes
 from toppling.models.ground.contacts import CONTACT, LEANING, MOST
 from toppling.models.ground.creeping import settle
-from toppling.models.ground.equilibrium import are_held, held_polygon, wrenches
+from toppling.models.ground.equilibrium import are_held, wrenches
 from toppling.models.ground.facets import NO_FACETS, Facets, facets_below, not_looked_at
 from toppling.models.ground.mesh import ContactMesh, contact_mesh, not_touching, smooth_parts
 from toppling.models.ground.pairs import Lists, empty_lists
@@ -269,13 +269,6 @@ class GroundedBody:
     def _up_in_body(self, pose: Array) -> Array:
         """The upward direction (3,) in body axes, in a pose."""
         return Rotation.from_quat(pose[3:]).inv().apply(self.scene_from_support[2])
-
-    @cached_property
-    def held(self) -> Array:
-        """Half planes of the loads that hold the rock where it rests (:func:`equilibrium.held_polygon`)."""
-        columns = self.wrenches(self.resting_pose)
-        turn = np.kron(np.eye(2), self.scene_from_support)
-        return held_polygon(turn @ columns, self.size_m)
 
     @classmethod
     def of(

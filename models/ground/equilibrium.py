@@ -8,22 +8,23 @@ from typing import Any
 import numpy as np
 import scipy
 
-from toppling.models.compiled import Array, Flags, inner
+from toppling.models.compiled import Array, Flags, compiled, inner
 from toppling.models.ground.cones import solve_cones
+from toppling.models.ground.contacts import SolverRoom, Touching, solver_room
 from toppling.models.ground.rigid import invert, rotation_of, square
 from toppling.models.ground.stepping import SECTORS, Grounded, enough_in_step_m_s, touching, touching_m
 
 _SIDES = 32
 """Number of sides of the pyramid within each friction cone, which misses at most half a per cent of it."""
 
-_DIRECTIONS = 48
-"""Number of directions in which the border of the loads that are held is computed."""
-
 _HELD_WITHIN = 1e-8
 """Share of a load that a mixture of wrenches may miss: rounding."""
 
-_FARTHEST, _MOST_TRIALS = 1e3, 100
-"""Of a load's size: a share of the way that is every share; and shares tried, of which six have been enough."""
+_ENOUGH, _UNMOVED = 1e-9, 1e-7
+"""Tolerance of the solver, and speed of a rock that is kept still, over the one that a load gives."""
+
+_FIRST_SHARE, _LAST_SHARE = 0.05, 1e-6
+"""First and last step, over gravity, with which the largest acceleration is looked for."""
 
 _AT_ONCE = 60
 """Wrenches that are weighed together."""
@@ -40,47 +41,79 @@ def wrenches(arms_m: Array, normals: Array, friction: float) -> Array:
     return np.concatenate([force, np.cross(arms_m[:, None], force)], axis=2).reshape(-1, 6).T
 
 
-def farthest_load(
-    columns: Array, load_m_s2: Array, direction_m_s2: Array, size_m: float, more_than: float = -np.inf
+def held_up_to_m_s2(
+    contacts: np.ndarray,
+    friction: float,
+    inertia_m2: Array,
+    load_m_s2: Array,
+    push: Array,
+    span: tuple[float, float],
 ) -> float | None:
-    """Largest share s for which the specific force load + s direction on the centre of mass is held; None if none is.
+    """Largest acceleration s at which contacts keep a rock still under a load + s push, by the solver of the shakes.
 
-    Where a load is not held, what the nearest mixture of wrenches leaves of it is the normal of a plane between it and
-    all that are held (Farkas 1902). From far away, the share at which load + s direction meets that plane is next.
+    Equilibrium within the friction cones is necessary for that and not enough: two contacts whose line lies within both
+    cones would hold any load by pressing on each other.
 
     Parameters
     ----------
-    columns : (6, n) array
-        As :func:`wrenches` gives them.
-    load_m_s2, direction_m_s2 : (3,) arrays
-    size_m : float
-        Scale of lengths.
-    more_than : float
-        None as well where no larger share than this is held, which a single trial tells.
+    contacts : (n,) records of CONTACT
+    friction : float
+    inertia_m2 : (3, 3) array
+        Over mass.
+    load_m_s2, push : (3,) arrays
+    span : (float, float)
+        Least and largest acceleration to look at.
 
     Returns
     -------
     float or None
-        Infinite where every share is held; negative where only loads against the direction are.
+        Infinite where they hold the largest, None where they do not hold the least.
     """
-    scaled = _scaled(columns, size_m)
-    far = _FARTHEST * float(np.linalg.norm(load_m_s2) / np.linalg.norm(direction_m_s2))
-    if more_than > -np.inf:
-        missed = _missed(scaled, load_m_s2 + more_than * direction_m_s2)
-        if missed is None or (np.linalg.norm(missed) > _HELD_WITHIN and missed[:3] @ direction_m_s2 > 0.0):
-            return None
-    share = far
-    for _ in range(_MOST_TRIALS):
-        missed = _missed(scaled, load_m_s2 + share * direction_m_s2)
-        if missed is None:
-            return None
-        if np.linalg.norm(missed) <= _HELD_WITHIN:
-            break
-        beyond = float(missed[:3] @ direction_m_s2)
-        if beyond <= 0.0:  # with less of the load even more is missed
-            return None
-        share = -float(missed[:3] @ load_m_s2) / beyond
-    return np.inf if share == far else share
+    (held, most), g, size_m = span, float(np.linalg.norm(load_m_s2)), math.sqrt(np.trace(inertia_m2))
+
+    def holds(acceleration_m_s2: float) -> bool:
+        force = load_m_s2 + acceleration_m_s2 * push
+        moves = acceleration_from_rest(contacts, friction, inertia_m2, force)
+        fastest = np.linalg.norm(moves[:3]) + size_m * np.linalg.norm(moves[3:])
+        return bool(fastest <= _UNMOVED * np.linalg.norm(force))
+
+    if not holds(held):
+        return None
+    more, grows = _FIRST_SHARE * g, True
+    while more > _LAST_SHARE * g:
+        if holds(held + more):
+            held += more
+            if held >= most:
+                return np.inf
+        else:
+            grows = False
+        more *= 2.0 if grows else 0.5
+    return held
+
+
+def acceleration_from_rest(
+    contacts: np.ndarray, friction: float, inertia_m2: Array, force_m_s2: Array
+) -> Array:
+    """Acceleration and rotational acceleration (6,) of a rock at rest on contacts, as of :func:`held_up_to_m_s2`."""
+    contacts, moves = contacts.copy(), np.append(force_m_s2, np.zeros(3))
+    for name in ("floor_m_s", "impulse", "slip_m_s"):
+        contacts[name] = 0.0
+    enough = _ENOUGH * float(np.linalg.norm(force_m_s2))
+    _solve(contacts, friction, np.linalg.inv(inertia_m2), moves, enough, solver_room(len(contacts)))
+    return moves
+
+
+@compiled
+def _solve(
+    contacts: np.ndarray,
+    friction: float,
+    inverse: Array,
+    velocity: Array,
+    enough_m_s: float,
+    room: SolverRoom,
+) -> None:
+    """Change the velocity (6,) by what contacts make of it."""
+    solve_cones(Touching(contacts, len(contacts), (friction, friction), inverse, velocity, enough_m_s, room))
 
 
 def are_held(columns: Array, loads_m_s2: Array, size_m: float) -> Flags:
@@ -132,40 +165,6 @@ def _least_missed(columns: Array, target: Array) -> Array | None:
             return None
         missed, bearing = columns[:, chosen] @ multipliers - target, chosen[multipliers > 0.0]
     return missed
-
-
-def held_polygon(columns: Array, size_m: float) -> Array:
-    """Half planes (k, 3) of the loads that are held: a x + b y <= c, of the horizontal over the downward part.
-
-    The loads form a convex cone, of which this is a polygon within the section at unit downward load: what it holds is
-    held. Empty where gravity along -z alone is not held.
-    """
-    down = np.array([0.0, 0.0, -1.0])
-    angle = 2.0 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
-    corners = []
-    for direction in np.column_stack([np.cos(angle), np.sin(angle), np.zeros(_DIRECTIONS)]):
-        far = farthest_load(columns, down, direction, size_m)
-        if far is None or far < 0.0:
-            return np.zeros((0, 3))
-        corners.append(min(far, 100.0) * direction[:2])
-    ring = np.array(corners)
-    edge = np.roll(ring, -1, axis=0) - ring
-    normal = np.column_stack([edge[:, 1], -edge[:, 0]])
-    length = np.linalg.norm(normal, axis=1)
-    normal, ring = normal[length > 1e-12] / length[length > 1e-12, None], ring[length > 1e-12]
-    return np.column_stack([normal, (normal * ring).sum(axis=1)])
-
-
-def held(half_planes: Array, loads_m_s2: Array, margin: float = 1e-6) -> Flags:
-    """Which of some loads (n, 3) lie within half planes of :func:`held_polygon`."""
-    if len(half_planes) == 0:
-        return np.zeros(len(loads_m_s2), bool)
-    down, limits = -loads_m_s2[:, 2], half_planes[:, 2] - margin
-    inside: Flags = np.hypot(loads_m_s2[:, 0], loads_m_s2[:, 1]) <= limits.min() * down
-    far = np.flatnonzero(~inside)
-    outside = loads_m_s2[far, :2] @ half_planes[:, :2].T - down[far, None] * limits
-    inside[far] = (outside <= 0.0).all(axis=1)
-    return inside & (down > 0.0)
 
 
 STILL = 1e-9

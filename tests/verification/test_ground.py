@@ -13,10 +13,10 @@ from reference.rocking import Ground, PlaneBody
 from reference.rocking import rock as rock_exactly
 from refusals import refused
 from scipy.integrate import solve_ivp
+from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
 
 from toppling.models.ground.body import GroundedBody
-from toppling.models.ground.equilibrium import farthest_load
 from toppling.models.ground.plane import GroundKind
 from toppling.models.hidden_base.draw_bases import ContradictionError
 from toppling.models.motions.motion import Motion
@@ -127,11 +127,14 @@ STILL = Motion(np.zeros((2, 3)), 0.01)
 
 def cone_programme(scene, azimuth_deg):
     """Largest acceleration with an equilibrium of the rock where it rests."""
-    body = scene.grounded
-    push = -np.array([math.cos(math.radians(azimuth_deg)), math.sin(math.radians(azimuth_deg)), 0.0])
-    return farthest_load(
-        body.wrenches(body.resting_pose), body.load_m_s2(), push @ body.scene_from_support, body.size_m
-    )
+    body, way = scene.grounded, math.radians(azimuth_deg)
+    push = -np.array([math.cos(way), math.sin(way), 0.0]) @ body.scene_from_support
+    columns = body.wrenches(body.resting_pose)
+    return linprog(
+        np.append(np.zeros(columns.shape[1]), -1.0),
+        A_eq=np.column_stack([columns, np.append(push, np.zeros(3))]),
+        b_eq=-np.append(body.load_m_s2(), np.zeros(3)),
+    ).x[-1]
 
 
 @pytest.mark.parametrize(

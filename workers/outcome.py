@@ -52,7 +52,7 @@ class ShakeResult:
         Largest and last angle between the interface's normal and where the rock has carried it, since it was seated,
         or, where its start was given, from its pose in the scene; last turn about it, since the start.
     slip_m : float
-        Way along the interface of the material point that was the centroid of the first contact, at the end.
+        Way along the interface, at the end, of the material point that was in it below the centre of mass at the start.
     penetration_m : float
         Deepest that a contact point sank below the surface; a start inside the ground counts once it is raised.
     ended_by : str

@@ -205,11 +205,9 @@ def time_step_s(scene: Scene, motion: Motion, options: NumericalOptions, asked_s
         if step_s <= shortest_s or not _slips(scene, motion):
             return step_s
         fast_hz = _energetic_frequency_hz(motion)
-        return (
-            min(step_s, max(1.0 / (_STEPS_PER_PERIOD * fast_hz), shortest_s))
-            if fast_hz > _FAST_HZ[0]
-            else step_s
-        )
+        if fast_hz <= _FAST_HZ[0]:
+            return step_s
+        return min(step_s, max(1.0 / (_STEPS_PER_PERIOD * fast_hz), shortest_s))
     unit_s = np.sqrt(half_diagonal_m / gravity_m_s2)
     shortest_s, longest_s = _SHORTEST_STEP_SHARE * unit_s, _LONGEST_STEP_SHARE * unit_s
     if not shortest_s <= asked_s <= longest_s:

@@ -15,7 +15,6 @@ from toppling.models.caching import cached
 from toppling.models.compiled import Array
 from toppling.models.errors import InputError
 from toppling.models.ground.contacts import CONTACT, MOST
-from toppling.models.ground.creeping import settle
 from toppling.models.ground.facets import NO_FACETS
 from toppling.models.ground.mesh import NO_MESH
 from toppling.models.ground.pairs import empty_lists
@@ -30,7 +29,7 @@ from toppling.models.ground.plane import (
 from toppling.models.ground.points import LARGEST_OPEN_TILT_DEG, contact_of
 from toppling.models.ground.rigid import excitation
 from toppling.models.ground.rolling import NO_ROLLING, RollingSurface, rolling_surface
-from toppling.models.ground.stepping import Grounded, work_room
+from toppling.models.ground.stepping import Grounded, settle, work_room
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.models.shapes import box
@@ -152,11 +151,8 @@ class Shaking:
     def _watch(self) -> Watch:
         """What calls for the next look."""
         problem, contact = self.problem, self.problem.contact
-        up, upright, over_s = (
-            contact.scene_from_support[2],
-            contact.support_from_body[2],
-            problem.motion.duration_s,
-        )
+        up, upright = contact.scene_from_support[2], contact.support_from_body[2]
+        over_s = problem.motion.duration_s
         may_calm = problem.shortcuts and len(self.sim.over.points) > 0 and not problem.scene.rolls
         first_s = min(over_s, problem.weak_from_s) if may_calm else over_s
         return Watch(
@@ -234,12 +230,8 @@ class Shaking:
         """What happened."""
         sim, problem = self.sim, self.problem
         time_s, pose = self.time_and_pose()
-        if (
-            ended_by == "rest_certain"
-            and problem.scene.rolls
-            and self._rest_s[1] != self.time_s
-            and len(sim.rock.faces) == 0
-        ):
+        rolls = problem.scene.rolls and len(sim.rock.faces) == 0 and self._rest_s[1] != self.time_s
+        if ended_by == "rest_certain" and rolls:
             rest = _rolled_back(problem.contact.start_pose, pose[-1])
             time_s, pose = np.append(time_s, time_s[-1]), np.vstack([pose, rest])
         certain = ended_by in ("never_moved", "rest_certain")

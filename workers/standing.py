@@ -14,8 +14,8 @@ from toppling.models.caching import cached
 from toppling.models.compiled import Array
 from toppling.models.errors import InputError
 from toppling.models.ground.body import SETTLING_STEP, GroundedBody
-from toppling.models.ground.creeping import settle
 from toppling.models.ground.equilibrium import are_held, wrenches
+from toppling.models.ground.stepping import settle
 from toppling.workers import quaternion as quat
 
 TOUCHING_SHARE = 1e-3

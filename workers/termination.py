@@ -28,8 +28,7 @@ class Body(NamedTuple):
     points_m: Array  # (n, 3) that can touch the plane, body axes
     lying_m: Array  # (n, 3) from each of them to the centre of mass as the rock stood in the scene
     scene_pose: Array
-    first_contact_m: Array  # (3,) centroid of what touches at the start, body axes
-    first_place_m: Array  # (3,) where it is then
+    below_m: Array  # (3,) point of the interface below the centre of mass at the start, body axes
     up: Array  # (3,) upward unit vector
     gravity_m_s2: float
 
@@ -37,19 +36,11 @@ class Body(NamedTuple):
     def of(cls, problem: Problem) -> Body:
         """Make the body of a problem."""
         contact, (start_pose, _) = problem.contact, problem.initial
-        if problem.scene.ground.is_plane:
-            gaps = contact.gaps_m(start_pose)
-            touching = gaps <= gaps.min() + RESTING_SHARE * contact.half_diagonal_m
-            first = contact.points_body_m[touching].mean(axis=0)
-        else:
-            near = problem.scene.grounded.contacts(start_pose, RESTING_SHARE * contact.half_diagonal_m)
-            first = np.array(to_body(*(near["arm_m"].mean(axis=0) if len(near) else np.zeros(3)), start_pose))
         return cls(
             points_m=np.ascontiguousarray(contact.points_body_m),
             lying_m=np.ascontiguousarray(lying_arms_m(contact)),
             scene_pose=contact.start_pose,
-            first_contact_m=first,
-            first_place_m=start_pose[:3] + to_world(*first, start_pose),
+            below_m=np.array(to_body(0.0, 0.0, -start_pose[2], start_pose)),
             up=np.ascontiguousarray(contact.scene_from_support[2]),
             gravity_m_s2=problem.scene.gravity_m_s2,
         )
@@ -77,7 +68,7 @@ class Observation(NamedTuple):
     turned_deg: float
     """Size of the turn about the normal since the start, 0 to 180."""
     slip_m: float
-    """Way along the interface of the material point that was the centroid of the first contact."""
+    """Way along the interface of the material point that was in it below the centre of mass at the start."""
     fallen_m: float
     """Height, along the plumb line, that the centre of mass has lost since the start."""
     lowest_m: float
@@ -101,8 +92,9 @@ def observe(sim: Grounded, body: Body, since: int) -> Observation:
         cosine, lowest = min(cosine, _upright(here, body.scene_pose)), min(lowest, here[2])
     rotation_of(pose, sim.work.turn)
     lying = _lying_com_m(body, pose)
-    first = to_world(body.first_contact_m[0], body.first_contact_m[1], body.first_contact_m[2], pose)
-    x, y = pose[0] + first[0] - body.first_place_m[0], pose[1] + first[1] - body.first_place_m[1]
+    a, b, c, start = body.below_m[0], body.below_m[1], body.below_m[2], sim.pose[0]
+    first, below = to_world(a, b, c, start), to_world(a, b, c, pose)
+    x, y = pose[0] + below[0] - (start[0] + first[0]), pose[1] + below[1] - (start[1] + first[1])
     turned = math.degrees(yaw_between(sim.pose[0], pose))
     up, lasted_s = body.up, sim.time_s[last] - sim.time_s[since]
     height = up[0] * (pose[0] - lying[0]) + up[1] * (pose[1] - lying[1]) + up[2] * (pose[2] - lying[2])

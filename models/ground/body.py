@@ -16,23 +16,19 @@ from toppling.models.compiled import Array, Flags
 from toppling.models.errors import InputError
 from toppling.models.frames import plane_axes
 from toppling.models.ground.contacts import CONTACT, LEANING, MOST
-from toppling.models.ground.creeping import settle
 from toppling.models.ground.equilibrium import are_held, wrenches
 from toppling.models.ground.facets import NO_FACETS, Facets, facets_below, not_looked_at
 from toppling.models.ground.mesh import ContactMesh, contact_mesh, not_touching, smooth_parts
 from toppling.models.ground.pairs import Lists, empty_lists
 from toppling.models.ground.plane import NO_POINTS
 from toppling.models.ground.rolling import FIRST_KEY, NO_ROLLING, rolling_surface
-from toppling.models.ground.stepping import Grounded, contacts_at, work_room
+from toppling.models.ground.stepping import Grounded, contacts_at, settle, work_room
 from toppling.models.pedestal import TOPPLED_TILT_DEG, Pedestal
 from toppling.models.rock import Rock
 from toppling.models.smooth_mesh import patches_of, smooth_mesh_of
 
 GROUND_REACH = 4.0
 """Ground within this many R of the rock is looked at."""
-
-_OFTEN = 1.3
-"""Factor on the rock's extent from its centre of mass that gives the box in which ground is usually looked up."""
 
 FOUND_WITHIN = 0.1
 """Distance over R within which features are found."""
@@ -293,8 +289,7 @@ class GroundedBody:
         reach, far = FOUND_WITHIN * size, GROUND_REACH * size
         vertices_m, ground_faces = pedestal.triangles(rock.com_m, 2.0 * far)
         ground_m = (vertices_m - pedestal.point_m) @ turn
-        around = com + _OFTEN * (body_m @ axes.T).min(axis=0), com + _OFTEN * (body_m @ axes.T).max(axis=0)
-        ground = contact_mesh(ground_m, ground_faces, com - far, com + far, reach, often_m=around)
+        ground = contact_mesh(ground_m, ground_faces, com - far, com + far, reach)
         mesh, patches = (smooth_mesh_of(rock), patches_of(rock)) if smooth else (None, None)
         faces, touching, rounded = rock.faces, None, NO_FACETS
         if mesh is not None and patches is not None:

@@ -67,8 +67,8 @@ def solve_cones(at: Touching) -> bool:
 @inner
 def _solve_with(at: Touching, friction: float) -> bool:
     """The same from the present impulses and velocity, with one coefficient of friction."""
-    fastest_m_s = _fastest_m_s(at)
-    within, stiffness, raised = _PRECISION * fastest_m_s, _STIFFNESS, _RAISED
+    fastest_m_s, stiffness, raised = _fastest_m_s(at), _STIFFNESS, _RAISED
+    within = max(_PRECISION * fastest_m_s, _STIFFNESS * _rounding_m_s(at))
     enough = within
     for count in range(1, _ROUNDS):
         if count % _BEGINS_ANEW == 0:
@@ -109,6 +109,16 @@ def _fastest_m_s(at: Touching) -> float:
         speed_m_s = math.sqrt(square(velocity_of(contact.arm_m, at.room.free)))
         fastest = max(fastest, speed_m_s, abs(contact.floor_m_s))
     return fastest
+
+
+@inner
+def _rounding_m_s(at: Touching) -> float:
+    """By how much rounding changes a contact's velocity: that of a rock which rolls is a difference of larger ones."""
+    v, farthest_m2 = at.room.free, 0.0
+    for i in range(at.number):
+        farthest_m2 = max(farthest_m2, square(at.contacts[i].arm_m))
+    spin2 = v[3] * v[3] + v[4] * v[4] + v[5] * v[5]
+    return 2.0**-52 * (math.sqrt(square(v)) + math.sqrt(spin2 * farthest_m2))
 
 
 @inner

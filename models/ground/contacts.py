@@ -27,6 +27,9 @@ MOST = 512
 _SAME_NORMAL = 1e-7
 """Faces under one point whose normals' product misses 1 by less are one."""
 
+_IN_PLANE = 1e-6
+"""Sine up to which a place lies in a face's plane: one in a hollow is as near to the faces beside it."""
+
 LEANING = 0.1
 """Sine by which an edge beside a point that touches a face may dip below it: the edge's other end then touches too."""
 
@@ -117,11 +120,12 @@ def _meet(point: Any, near: Any, mesh: ContactMesh, reach: Any, vertices: bool, 
     for k in range(features):
         name = room.ids[k]
         shared = mesh.triangles_at_vertex[-1 - name] if name < 0 else mesh.triangles_at_edge[name]
+        ends = mesh.ends[-1 - name] if name < 0 else shared == 1
         if room.hits[k] != shared or count == len(room.found):
             continue
         offset, total = minus(p, room.spots[k]), room.sums[k]
         far, size = math.sqrt(dot(offset, offset)), math.sqrt(dot(total, total))
-        outside = room.inside[k] > 0.0 and far > 1e-9 * mesh.grid.cell_m
+        outside = (ends or room.inside[k] > 0.0) and far > 1e-9 * mesh.grid.cell_m
         for i in range(3):
             room.found[count, i] = offset[i] / far if outside else total[i] / size
             room.found[count, 4 + i] = room.spots[k, i]
@@ -168,7 +172,7 @@ def _keep_face(found: Any, count: int, n: Any, depth: float, c: Any) -> int:
         if depth < 0.0 and found[k, 3] < 0.0:
             # Behind a ridge only one of its two faces is the way out: the nearer.
             apart = minus(c, (found[k, 4], found[k, 5], found[k, 6]))
-            if dot(found[k], apart) < 0.0:
+            if dot(found[k], apart) < -_IN_PLANE * math.sqrt(dot(apart, apart)):
                 if depth > found[k, 3]:
                     found[k, 3] = depth
                     for i in range(3):

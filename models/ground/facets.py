@@ -73,7 +73,7 @@ def facets_below(surface: RollingSurface, ground: ContactMesh) -> Facets:
     facet_of, normals, places, radii_m = _facets(ground)
     at_edges = normals_at_edges(ground)
     across = -ground.inward[:, 0]
-    bounds = (ground.inward[:, 0] == ground.inward[:, 1]).all(axis=1)
+    bounds = (at_edges[:, 0] == at_edges[:, 1]).all(axis=1)
     turns = np.arctan2((at_edges[:, 1] * across).sum(axis=1), (at_edges[:, 1] * at_edges[:, 0]).sum(axis=1))
     start, end = ground.vertices_m[ground.edges[:, 0]], ground.vertices_m[ground.edges[:, 1]]
     points_m = ground.vertices_m[ground.points]
@@ -140,7 +140,7 @@ def rounded_contacts(
         for k in range(len(on.normals)):
             if on.apart_m[part, k] >= within_m:
                 continue
-            apart_m = _apart_m(on, part, k, placed)
+            apart_m = _apart_m(on, part, k, placed, margin_m)
             on.apart_m[part, k] = on.lengths_m[0] + max(apart_m, 0.0)
             if apart_m >= margin_m:
                 continue
@@ -242,8 +242,11 @@ def _meet_edge(on: Facets, part: int, edge: int, placed: Any, margin_m: float, o
 
 
 @inner
-def _apart_m(on: Facets, part: int, feature: int, placed: Any) -> float:
-    """How far a part is from a feature, at least: along the way from there to the centre of mass."""
+def _apart_m(on: Facets, part: int, feature: int, placed: Any, enough_m: float) -> float:
+    """How far a part is from a feature, at least: along the way from there to the centre of mass.
+
+    Where the whole rock is farther than what is enough, its distance.
+    """
     pose, edge, nearest = placed[0], feature - len(on.normals) + len(on.ways), on.places[feature]
     nearest = nearest[0], nearest[1], nearest[2]
     if edge >= 0:
@@ -252,8 +255,9 @@ def _apart_m(on: Facets, part: int, feature: int, placed: Any) -> float:
         nearest = plus(nearest, min(max(share, 0.0), 1.0), along)
     up = minus(pose, nearest)
     size = math.sqrt(square(up))
-    if size == 0.0:
-        return 0.0
+    beyond_m = size - on.lengths_m[1] - on.radii_m[feature]
+    if size == 0.0 or beyond_m >= enough_m:
+        return beyond_m
     up = (up[0] / size, up[1] / size, up[2] / size)
     return dot(up, minus(_farthest(on, part, feature, 3, up, placed), nearest)) - on.radii_m[feature]
 

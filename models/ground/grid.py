@@ -46,18 +46,12 @@ NO_GRID = Grid(
 """Grid without cells."""
 
 
-def grid_of(
-    features: tuple[Array, Array], low_m: Array, high_m: Array, lengths_m: tuple[float, float]
-) -> Grid:
-    """Grid of some triangles (m, 3, 3) and edges (k, 3, 3), whose last two corners are one, in a box.
-
-    lengths_m: the reach, and the longest side of a cell.
-    """
+def grid_of(features: tuple[Array, Array], low_m: Array, high_m: Array, reach_m: float) -> Grid:
+    """Grid of some triangles (m, 3, 3) and edges (k, 3, 3), whose last two corners are one, in a box."""
     corners, edges = features
-    reach_m, longest_m = lengths_m
     low = np.maximum(low_m, corners.min(axis=(0, 1))) - reach_m
     high = np.minimum(high_m, corners.max(axis=(0, 1))) + reach_m
-    cell = min(float((high - low).max()) / _CELLS, longest_m)
+    cell = min(float((high - low).max()) / _CELLS, reach_m)
     if not cell > 0.0:
         return NO_GRID
     shape = np.maximum(np.ceil((high - low) / cell).astype(np.int64), 1)

@@ -12,9 +12,6 @@ from toppling.models.errors import InputError
 from toppling.models.ground.grid import NO_GRID, Grid, grid_of
 from toppling.models.shapes import joined_parts
 
-FINE = 0.65
-"""Reach of the fine grid, over that of the other."""
-
 _FINE_SHARE, _SMOOTH_TURN = 0.02, np.cos(np.radians(4.0))
 """Of R: triangles so narrow across an edge, between which normals turn by so little, stand for one smooth surface."""
 
@@ -53,13 +50,14 @@ class ContactMesh(NamedTuple):
     edge_middles_m, edge_halves_m : (k, 3) array, (k,) array
         Spheres around these.
     inward : (k, 2, 3) array
-        For each of these, unit vectors in its triangles, away from it; of an edge of one triangle twice the same.
+        For each of these, unit vectors in its triangles, away from it; where the mesh ends the second leads down, as
+        in a wall.
+    ends : (n,) bool array
+        Vertices at which the mesh ends: beside them nothing is inside.
     smooth_points, smooth_edges : (p,), (k,) int arrays
         Of those within one smooth part the first; -1 of any other.
     grid : Grid
         Of all triangles and `edges`.
-    fine : Grid
-        The same in a smaller box, within a smaller reach: empty unless asked for.
     """
 
     vertices_m: Array
@@ -79,10 +77,10 @@ class ContactMesh(NamedTuple):
     edge_middles_m: Array
     edge_halves_m: Array
     inward: Array
+    ends: Flags
     smooth_points: Indices
     smooth_edges: Indices
     grid: Grid
-    fine: Grid
 
 
 _NONE = np.zeros((0, 3), np.int64)
@@ -90,8 +88,8 @@ _NONE = np.zeros((0, 3), np.int64)
 NO_MESH = ContactMesh(
     np.zeros((0, 3)), _NONE, np.zeros((0, 3)), np.zeros(0), np.zeros((0, 3)), np.zeros(0), _NONE, _NONE[:, 0].copy(),
     _NONE, _NONE[:, 0].copy(), _NONE[:, 0].copy(), np.zeros(1, np.int64), np.zeros((0, 3)),
-    _NONE[:, :2].copy(), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 2, 3)),
-    _NONE[:, 0].copy(), _NONE[:, 0].copy(), NO_GRID, NO_GRID,
+    _NONE[:, :2].copy(), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 2, 3)), np.zeros(0, bool),
+    _NONE[:, 0].copy(), _NONE[:, 0].copy(), NO_GRID,
 )  # fmt: skip
 """Mesh of a body that touches with none."""
 
@@ -103,7 +101,6 @@ def contact_mesh(
     high_m: Array,
     reach_m: float,
     touching: Flags | None = None,
-    often_m: tuple[Array, Array] | None = None,
 ) -> ContactMesh:
     """Prepare a mesh.
 
@@ -117,8 +114,6 @@ def contact_mesh(
         Triangles and edges so near a place are found there.
     touching : (n,) bool array, optional
         Vertices that may be points and ends of edges that touch: all unless given.
-    often_m : two (3,) arrays, optional
-        Box in which it is looked up often: there is the fine grid.
 
     Raises
     ------
@@ -139,17 +134,15 @@ def contact_mesh(
     if touching is not None:
         stands_out &= touching[used][ends].all(axis=1)
     touching_ends = ends[stands_out]
-    features = corners, vertices[touching_ends][:, [0, 1, 1]]
-    grid = grid_of(features, low_m, high_m, (reach_m, reach_m))
-    fine_m = FINE * reach_m, 0.5 * FINE * reach_m
-    fine = NO_GRID if often_m is None else grid_of(features, *often_m, fine_m)
+    grid = grid_of((corners, vertices[touching_ends][:, [0, 1, 1]]), low_m, high_m, reach_m)
     start, end = vertices[touching_ends[:, 0]], vertices[touching_ends[:, 1]]
     points = np.unique(touching_ends)
     return ContactMesh(
         vertices, faces, normals, offsets, middles, radii, edge_of, owners, over_hollow,
         np.bincount(faces.ravel(), minlength=len(vertices)), points, *_ways(vertices, ends, points),
         touching_ends, 0.5 * (start + end), 0.5 * np.linalg.norm(end - start, axis=1), inward[stands_out],
-        np.full(len(points), -1), np.full(len(touching_ends), -1), grid, fine,
+        np.isin(np.arange(len(vertices)), ends[owners == 1]),
+        np.full(len(points), -1), np.full(len(touching_ends), -1), grid,
     )  # fmt: skip
 
 
@@ -199,6 +192,7 @@ def _convexity(
     first, last = sides_at_edges(edge_of, owners).T
     flat_inward, flat_normal = inward.reshape(-1, 3), np.repeat(normals, 3, axis=0)
     both = np.stack([flat_inward[first], flat_inward[last]], axis=1)
+    both[owners == 1, 1] = -flat_normal[first[owners == 1]]
     rises = (flat_inward[last] * flat_normal[first]).sum(axis=1)
     hollow, over = rises > _FLAT_SHARE, np.full(faces.size, -1)
     over[first[hollow]], over[last[hollow]] = last[hollow] // 3, first[hollow] // 3

@@ -62,22 +62,33 @@ class Pairs(NamedTuple):
     point: PointRoom
 
 
+_LISTS = 8
+"""Number of poses around each of which pairs are listed: a rock that rocks comes back to those that it was in."""
+
+
 def _no_pairs(room: int) -> Pairs:
-    """Room for so many of each kind; what is not found yet is not written either: zeros took a third of a short job."""
-    features = FEATURES_AT_A_POINT
+    """Room for so many of each kind, in each list.
+
+    What is not found yet is not written either: zeros took a third of a short job.
+    """
+    features, lists = FEATURES_AT_A_POINT, _LISTS
     return Pairs(
-        np.zeros(3, np.int64), np.empty((3, room), np.int64), np.empty((3, room), np.int64), np.empty((3, room)),
-        Groups(np.zeros(3, np.int64), np.empty((3, room + 1), np.int64), np.empty((3, room)), np.empty((3, room, 7))),
-        np.full(7, np.nan), np.zeros(7), np.zeros((4, 3)), np.zeros(5), np.zeros((3, 3)),
+        np.zeros((lists, 3), np.int64), np.empty((lists, 3, room), np.int64), np.empty((lists, 3, room), np.int64),
+        np.empty((lists, 3, room)),
+        Groups(np.zeros((lists, 3), np.int64), np.empty((lists, 3, room + 1), np.int64),
+               np.empty((lists, 3, room)), np.empty((lists, 3, room, 7))),
+        np.full((lists, 7), np.nan), np.zeros((lists, 7)), np.zeros((lists, 4, 3)), np.zeros((lists, 5)),
+        np.zeros((lists, 3, 3)),
         PointRoom(np.zeros((MOST_AT_A_POINT, 7)), np.zeros(features, np.int64), np.zeros(features, np.int64),
                   np.zeros((features, 3)), np.zeros((features, 3)), np.zeros(features)),
     )  # fmt: skip
 
 
 class Lists(NamedTuple):
-    """What may touch: the pairs that are listed, and how they are."""
+    """What may touch: the pairs that are listed around some poses, and how they are."""
 
-    pairs: Pairs
+    pairs: Pairs  # of all lists: these are the first axis, but of the room for a point
+    latest: Indices  # (2,): the list that served last, and the one that was made last
     slack_m: float  # way of the rock over which pairs are listed
     farthest_m: float  # from the centre of mass
 
@@ -91,7 +102,18 @@ _SLACK_SHARE = 0.05
 
 def empty_lists(size_m: float, farthest_m: float, room: int = _PAIRS) -> Lists:
     """Lists of a rock in which nothing is found yet, with room for so many pairs of each kind."""
-    return Lists(_no_pairs(room), _SLACK_SHARE * size_m, farthest_m)
+    return Lists(_no_pairs(room), np.zeros(2, np.int64), _SLACK_SHARE * size_m, farthest_m)
+
+
+@inner
+def latest_pairs(lists: Lists) -> Pairs:
+    """The pairs of the list that served last."""
+    i, of, groups = lists.latest[0], lists.pairs, lists.pairs.groups
+    return Pairs(
+        of.found[i], of.first[i], of.second[i], of.apart_m[i],
+        Groups(groups.found[i], groups.begin[i], groups.apart_m[i], groups.seen_m[i]),
+        of.pose[i], of.looked_at[i], of.middle_m[i], of.lengths_m[i], of.turn[i], of.point,
+    )  # fmt: skip
 
 
 @inner
@@ -190,10 +212,16 @@ _PARTS = 4
 
 @inner
 def find(rock: ContactMesh, ground: ContactMesh, pose: Array, margin_m: float, lists: Lists) -> None:
-    """List what may touch within a margin in a pose, unless what was listed last still serves."""
-    if not serve(lists.pairs, pose, margin_m, lists.farthest_m):
-        most_m = min(rock.grid.reach_m, ground.grid.reach_m)
-        _search(rock, ground, pose, min(max(lists.slack_m, _MORE * margin_m), most_m), lists.pairs)
+    """List what may touch within a margin in a pose, unless a list that was made serves; the oldest is replaced."""
+    latest, count = lists.latest, len(lists.pairs.found)
+    for _ in range(count):
+        if serve(latest_pairs(lists), pose, margin_m, lists.farthest_m):
+            return
+        latest[0] = (latest[0] + 1) % count
+    latest[1] = (latest[1] + 1) % count
+    latest[0] = latest[1]
+    most_m = min(rock.grid.reach_m, ground.grid.reach_m)
+    _search(rock, ground, pose, min(max(lists.slack_m, _MORE * margin_m), most_m), latest_pairs(lists))
 
 
 @inner(allocates=True)
@@ -242,11 +270,8 @@ def _append(pairs: Pairs, kind: int, first: int, second: int, apart_m: float) ->
     """List one more pair, if there is room."""
     count = pairs.found[kind]
     if count < len(pairs.first[kind]):
-        pairs.first[kind, count], pairs.second[kind, count], pairs.apart_m[kind, count] = (
-            first,
-            second,
-            apart_m,
-        )
+        pairs.first[kind, count], pairs.second[kind, count] = first, second
+        pairs.apart_m[kind, count] = apart_m
         pairs.found[kind] = count + 1
 
 
@@ -271,8 +296,6 @@ def _list_points(pairs: Pairs, kind: int, bodies: Any, placed: Any, reach: float
             _widen(box, there, 0.0)
         else:
             _widen(box, q, reach)
-        if reach <= mesh.fine.reach_m and cell_of(mesh.fine, q) >= 0:
-            grid, cell = mesh.fine, cell_of(mesh.fine, q)
         for place in range(grid.first[cell], grid.first[cell + 1]):
             t = grid.near[place]
             apart_m = _point_apart_m(q, mesh, t)
@@ -298,8 +321,6 @@ def _list_edges(of: Any, rock: ContactMesh, ground: ContactMesh, reach: float, p
             if cell < 0 or grid.first_edge[cell] == grid.first_edge[cell + 1]:
                 continue
             wide = True
-            if reach + half_m / parts <= ground.fine.reach_m and cell_of(ground.fine, at) >= 0:
-                grid, cell = ground.fine, cell_of(ground.fine, at)
             for place in range(grid.first_edge[cell], grid.first_edge[cell + 1]):
                 j = grid.near_edges[place]
                 if seen[j] == i:

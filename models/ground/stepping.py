@@ -27,7 +27,7 @@ from toppling.models.ground.contacts import (
 )
 from toppling.models.ground.facets import Facets, rounded_contacts
 from toppling.models.ground.mesh import ContactMesh
-from toppling.models.ground.pairs import RADIUS, Lists, find
+from toppling.models.ground.pairs import RADIUS, Lists, find, latest_pairs, moved_m
 from toppling.models.ground.plane import PlanePoints, is_over_plane, plane_contacts
 from toppling.models.ground.rigid import (
     copy,
@@ -73,6 +73,9 @@ _SHORTEST_PART = 1e-3
 _RETURNED = 0.2
 """Share of a penetration that a step takes back, by moving the rock without giving it speed."""
 
+_FARTHER = 4.0
+"""Factor by which a step that goes farther than it has looked looks farther."""
+
 SECTORS = 16
 """Number of directions in which the loads on a rock at rest lean."""
 
@@ -92,6 +95,7 @@ class Work(NamedTuple):
     solver: SolverRoom
     leanings: Array  # (sectors, 2): of loads that are held
     since_s: Array  # (1,): since the rock had the pose in which its latest contacts were found
+    reach_m: Array  # (1,): way over which a step looks for contacts, at most
 
 
 def work_room() -> Work:
@@ -99,7 +103,7 @@ def work_room() -> Work:
     return Work(
         np.zeros(7), np.zeros(6), np.zeros(3), np.zeros(6), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(1, CONTACT),
         np.zeros(7), np.zeros(6), solver_room(MOST), np.zeros((SECTORS, 2)),
-        np.zeros(1),
+        np.zeros(1), np.full(1, np.inf),
     )  # fmt: skip
 
 
@@ -194,10 +198,8 @@ def _share_until_slip_turns(sim: Grounded, since_s: float, step_s: float, veloci
         before, after = 1.5 * one - 0.5 * other, 1.5 * other - 0.5 * one
     else:
         times(sim.work.inverse, moment, turning)
-        before, gained = (
-            dot(rubs, velocity) + dot(twists, velocity[3:]),
-            dot(rubs, force) + dot(twists, turning),
-        )
+        before = dot(rubs, velocity) + dot(twists, velocity[3:])
+        gained = dot(rubs, force) + dot(twists, turning)
         gained *= 0.5 * step_s / sim.work.since_s[0]
         after = before + gained + dot(rubs, first) + dot(rubs, second)
     part = before / (before - after) if before < 0.0 < after else 1.0
@@ -248,6 +250,7 @@ def advance(
         share = inverse[k, 0] * turning[0] + inverse[k, 1] * turning[1] + inverse[k, 2] * turning[2]
         free[3 + k] += 0.5 * step_s * share
     reach_m = step_s * _fastest_of_both_m_s(velocity, free, ((0.0, 0.0, 0.0), sim.lists.farthest_m))
+    reach_m = min(reach_m, sim.work.reach_m[0])
     count = _contacts(sim, middle, _margin_m(sim, step_s, reach_m, velocity, free))
     count = _choose(sim, count, step_s, 0.5 * reach_m, velocity, whole)
     if count < 0:
@@ -375,10 +378,8 @@ def _warm(sim: Grounded, count: int, step_s: float, velocity: Array) -> Vector:
         last = sim.contacts[k]
         if _slipped(sim, last):
             # Against this and the slip at the end friction is of second order, and turns as smoothly as the slip.
-            moves, limit = (
-                velocity_of(contact.arm_m, velocity),
-                sim.friction[1] * dot(last.impulse, last.normal),
-            )
+            moves = velocity_of(contact.arm_m, velocity)
+            limit = sim.friction[1] * dot(last.impulse, last.normal)
             slip = plus(moves, -dot(moves, contact.normal), contact.normal)
             braked = 0.5 * step_s / sim.work.since_s[0] * limit / max(math.sqrt(square(slip)), 1e-300)
             for axis in range(3):
@@ -457,7 +458,7 @@ def _margin_m(sim: Grounded, step_s: float, reach_m: float, velocity: Array, fre
     if len(sim.facets.apart_m) > 0:
         return margin
     find(sim.rock, sim.ground, sim.work.middle, margin, sim.lists)
-    pairs = sim.lists.pairs
+    pairs = latest_pairs(sim.lists)
     ball = turned(sim.work.turn, pairs.middle_m[0]), pairs.lengths_m[RADIUS]
     return min(margin, near_m + step_s * _fastest_of_both_m_s(velocity, free, ball))
 
@@ -530,15 +531,40 @@ def _take_back(sim: Grounded, count: int, step_s: float, pose: Array, velocity: 
 
 
 @compiled
+def settle(sim: Grounded, force_m_s2: Array, sweeps: int, stop_m: float) -> float:
+    """Let the rock down from its latest pose without gathering speed; way of its last step, m.
+
+    Every step starts at rest under a constant specific force; the way is that of the point that moved most. It looks
+    for contacts over the way that the rock then goes, which is a small part of a free fall in that time.
+    """
+    pose, before, velocity, travel_m = sim.pose[sim.counts[1]], sim.work.start, sim.work.still, np.inf
+    step_s, reach_m, least_m = sim.step_s, sim.work.reach_m, _MARGIN_SHARE * sim.size_m
+    reach_m[0] = least_m
+    for _ in range(sweeps):
+        copy(pose, before)
+        while True:
+            for k in range(6):
+                velocity[k] = 0.0
+            increment = (force_m_s2[0] * step_s, force_m_s2[1] * step_s, force_m_s2[2] * step_s)
+            advance(sim, step_s, increment, pose, velocity, True, np.inf)
+            travel_m = moved_m(before, pose, sim.lists.farthest_m)
+            if not 2.0 * travel_m > reach_m[0]:
+                break
+            copy(before, pose)
+            reach_m[0] *= _FARTHER
+        reach_m[0] = max(_FARTHER * travel_m, least_m)
+        if travel_m < stop_m:
+            break
+    reach_m[0] = np.inf
+    return travel_m
+
+
+@compiled
 def contacts_at(bodies: Any, pose: Array, margin_m: float, leaning: float, lists: Lists, out: Any) -> int:
     """Contacts on the ground's own surface in a pose (7,), as of :func:`contacts.contacts_in`; how many."""
-    return _on_surface(bodies, pose, margin_m, leaning, lists, out)
-
-
-@inner
-def _on_surface(bodies: Any, pose: Array, margin_m: float, leaning: float, lists: Lists, out: Any) -> int:
-    (rock, ground, facets), pairs = bodies, lists.pairs
+    rock, ground, facets = bodies
     find(rock, ground, pose, margin_m, lists)
+    pairs = latest_pairs(lists)
     count = contacts_in(rock, ground, pairs, pose, margin_m, leaning, out)
     if len(facets.apart_m) > 0:
         count = rounded_contacts(facets, ground, pose, margin_m, pairs.turn, out, count)
@@ -548,15 +574,15 @@ def _on_surface(bodies: Any, pose: Array, margin_m: float, leaning: float, lists
 @inner
 def _contacts(sim: Grounded, pose: Array, margin: float) -> int:
     """Find the contacts with gaps up to a margin in a pose; how many."""
-    pairs, sim.counts[7] = sim.lists.pairs, 1
+    sim.counts[7] = 1
     if _is_over_plane(sim, pose, margin):
         if len(sim.rolling.corners) > 0:
-            return rolling_contacts(sim.rolling, pose, margin, pairs.turn, sim.trial)
+            return rolling_contacts(sim.rolling, pose, margin, sim.work.turn, sim.trial)
         lengths_m = sim.size_m, sim.lists.farthest_m
         return plane_contacts(sim.over, pose, sim.work.turn, lengths_m, margin, sim.trial)
     sim.counts[7] = 0
     bodies = sim.rock, sim.ground, sim.facets
-    return _on_surface(bodies, pose, margin, LEANING, sim.lists, sim.trial)
+    return contacts_at(bodies, pose, margin, LEANING, sim.lists, sim.trial)
 
 
 @inner

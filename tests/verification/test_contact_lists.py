@@ -9,7 +9,7 @@ from toppling.models.compiled import compiled
 from toppling.models.ground.contacts import CONTACT, LEANING, MOST, contacts_in
 from toppling.models.ground.facets import NO_FACETS
 from toppling.models.ground.mesh import contact_mesh
-from toppling.models.ground.pairs import REACH, empty_lists, find
+from toppling.models.ground.pairs import REACH, empty_lists, find, latest_pairs
 from toppling.models.ground.stepping import contacts_at
 from toppling.models.rock import Rock
 
@@ -31,7 +31,7 @@ def rough_pair(seed=7):
     body_m = cobble.vertices_m - cobble.com_m
     rock = contact_mesh(body_m, cobble.faces, body_m.min(axis=0), body_m.max(axis=0), REACH_M)
     box = np.full(3, -0.7), np.full(3, 0.7)
-    ground = contact_mesh(ground_m, np.vstack([lower, upper]), *box, REACH_M, often_m=box)
+    ground = contact_mesh(ground_m, np.vstack([lower, upper]), *box, REACH_M)
     pose = np.array([0.0, 0.0, ground_m[:, 2].max() - body_m[:, 2].min() + 0.002, 0.0, 0.0, 0.0, 1.0])
     return rock, ground, pose
 
@@ -41,9 +41,9 @@ def looked_along(rock, ground, lists, poses, margins_m, out, keys, gaps_m, found
     """Note the contacts of one pose after the other, and in which the pairs were found."""
     for k in range(len(poses)):
         find(rock, ground, poses[k], margins_m[k], lists)
-        for i in range(contacts_in(rock, ground, lists.pairs, poses[k], margins_m[k], LEANING, out)):
+        for i in range(contacts_in(rock, ground, latest_pairs(lists), poses[k], margins_m[k], LEANING, out)):
             keys[k, i], gaps_m[k, i] = out[i].key, out[i].gap_m
-        found_in[k] = lists.pairs.pose[0]
+        found_in[k] = latest_pairs(lists).pose[0]
 
 
 def segments_apart_m(starts, ways):
@@ -133,7 +133,8 @@ def test_contacts_that_are_too_many_to_list_from_afar_are_listed_from_nearer():
     pose[2] -= min(contacts_anew(rock, ground, pose, 0.03, PLENTY).values())
     lists, out = lists_of(rock, 200), np.zeros(MOST, CONTACT)
     contacts_at((rock, ground, NO_FACETS), pose, 0.08, LEANING, lists, out)
-    assert lists.pairs.lengths_m[REACH] < 0.08
+    (listed,) = np.flatnonzero(lists.pairs.lengths_m[:, REACH])
+    assert lists.pairs.lengths_m[listed, REACH] < 0.08
     assert lists.pairs.found.max() < 200
     touching = contacts_anew(rock, ground, pose, 0.0005, PLENTY)
     assert len(touching) >= 1
@@ -161,10 +162,44 @@ def test_a_hollows_face_reaches_on_below_the_other_face_and_no_farther(place_m, 
     assert set(steep.round(2)) == slopes
 
 
+def test_beside_the_end_of_a_mesh_and_below_it_nothing_is_inside_the_ground():
+    ground_m = np.array([[0, -1, 0], [1, -1, 0], [1, 0, 0], [0, 0, 0]], float)
+    box = np.full(3, -1.0), np.full(3, 1.0)
+    ground = contact_mesh(ground_m, np.array([[0, 1, 2], [0, 2, 3]]), *box, REACH_M)
+    needle_m = np.array([[0, 0, 0], [0.01, 0, 1], [-0.01, 0.01, 1], [-0.01, -0.01, 1]], float)
+    faces = np.array([[0, 2, 1], [0, 3, 2], [0, 1, 3], [1, 2, 3]])
+    rock = contact_mesh(needle_m, faces, needle_m.min(axis=0), needle_m.max(axis=0), REACH_M)
+    out = np.zeros(MOST, CONTACT)
+    for place_m in ((-0.02, -0.5, -0.01), (0.5, 0.02, -0.01), (-0.02, 0.02, -0.01)):
+        pose = np.array([*place_m, 0.0, 0.0, 0.0, 1.0])
+        found = out[: contacts_at((rock, ground, NO_FACETS), pose, 0.05, LEANING, lists_of(rock), out)]
+        assert found["gap_m"].min(initial=0.0) >= 0.0
+
+
+def test_a_nearly_flat_edge_that_crosses_the_end_of_a_mesh_is_pushed_up():
+    """Both ways along the normal of two such edges hardly lead into a body."""
+    ground_m = np.array([[0, -1, 0], [1, -1, 0], [1, 0, 0], [0, 0, 0]], float)
+    box = np.full(3, -1.0), np.full(3, 1.0)
+    ground = contact_mesh(ground_m, np.array([[0, 1, 2], [0, 2, 3]]), *box, REACH_M)
+    roof_m = [(x, y, z) for x in (-0.3, 0.3) for y, z in ((0.0, 0.0), (-0.3, 1e-3), (0.3, 1e-3), (0.0, 0.5))]
+    rock_mesh = trimesh.convex.convex_hull(np.array(roof_m))
+    vertices_m, faces = np.array(rock_mesh.vertices), np.array(rock_mesh.faces)
+    rock = contact_mesh(vertices_m, faces, vertices_m.min(axis=0), vertices_m.max(axis=0), REACH_M)
+    out, across = np.zeros(MOST, CONTACT), 0
+    for tilt in np.radians(np.linspace(-3.0, 3.0, 13)):
+        turn = Rotation.from_rotvec([0.0, tilt, 0.0]).as_quat()
+        pose = np.array([0.02, -0.5, 0.0, *turn])
+        found = out[: contacts_at((rock, ground, NO_FACETS), pose, 0.02, LEANING, lists_of(rock), out)]
+        of_edges = found[found["key"] >> 60 == 2]
+        across += len(of_edges)
+        assert (of_edges["normal"][:, 2] > 0.0).all()
+    assert across > 0
+
+
 @compiled
 def listed_edges(rock, ground, pose, margin_m, lists):
     find(rock, ground, pose, margin_m, lists)
-    return lists.pairs.found[2]
+    return latest_pairs(lists).found[2]
 
 
 @pytest.mark.thorough
@@ -191,9 +226,12 @@ def test_long_edges_are_listed_with_all_edges_of_the_ground_within_the_reach():
         apart_m = segments_apart_m(
             (ends[:, 0], other[:, 0]), (ends[:, 1] - ends[:, 0], other[:, 1] - other[:, 0])
         )
-        of_rock, of_ground = pairs.first[2, :count], pairs.second[2, :count]
-        assert (pairs.apart_m[2, :count] <= apart_m[of_rock, of_ground] + 1e-12).all()
+        of_rock, of_ground = pairs.first[lists.latest[0], 2, :count], pairs.second[lists.latest[0], 2, :count]
+        assert (pairs.apart_m[lists.latest[0], 2, :count] <= apart_m[of_rock, of_ground] + 1e-12).all()
         listed = set(zip(of_rock, of_ground, strict=True))
-        assert set(zip(*np.nonzero(apart_m < 0.99 * pairs.lengths_m[REACH]), strict=True)) <= listed
+        assert (
+            set(zip(*np.nonzero(apart_m < 0.99 * pairs.lengths_m[lists.latest[0], REACH]), strict=True))
+            <= listed
+        )
         found += count
     assert found > 200

@@ -2,10 +2,11 @@
 
 import math
 
+import numpy as np
 import pytest
 from reference.closed_forms import slip_of_pulse_m
 from scipy.spatial.transform import Rotation
-from test_ground import G, as_surface, block, block_on, facets, pulse, stool_on
+from test_ground import STILL, G, as_surface, block, block_on, facets, pulse, stool_on
 from test_rest_on_facets import burst
 
 from toppling.models.motions.motion import Motion
@@ -74,3 +75,34 @@ def test_on_an_incline_a_pulse_uphill_slides_a_block_down_as_far_as_newton_says(
     scene = Scene.from_mesh((slab.vertices_m, slab.faces), pedestal=tilted, friction=friction)
     found_m = shake(as_surface(scene), pulse(-level * G, lasting_s, after_s=0.01), "standard").slip_m
     assert found_m == pytest.approx(slip_of_pulse_m(friction, slope, level, lasting_s), rel=0.01)
+
+
+def with_a_corner_between(vertices_m, faces, a, b):
+    """The same body, with a corner in the middle of an edge."""
+    middle, split = len(vertices_m), []
+    for face in faces.tolist():
+        if {a, b} <= set(face):
+            split += [[middle if corner == end else corner for corner in face] for end in (a, b)]
+        else:
+            split.append(face)
+    return np.vstack([vertices_m, vertices_m[[a, b]].mean(axis=0)]), np.array(split)
+
+
+def test_a_slip_does_not_depend_on_the_triangles_of_the_rock():
+    slab = box(0.4, 0.3, 0.1).moved(np.eye(3), (0.0, 0.0, 0.1))
+    mesh = slab.vertices_m, slab.faces
+    a, b = np.flatnonzero((slab.vertices_m[:, 2] < 1e-9) & (slab.vertices_m[:, 0] > 0.0))
+    finer = with_a_corner_between(*mesh, a, b)
+    for corner in (a, b):
+        finer = with_a_corner_between(*finer, corner, 8)
+    spin = {"velocity_m_s": (1.0, 0.2, 0.0), "angular_velocity_rad_s": (0.0, 0.0, 3.0)}
+    slips_m = [
+        shake(
+            as_surface(Scene.from_mesh(each, pedestal=facets(0, 0), friction=0.4)), STILL, initial=spin
+        ).slip_m
+        for each in (mesh, finer)
+    ]
+    assert slips_m[0] > 0.1
+    assert slips_m[1] == pytest.approx(
+        slips_m[0], rel=0.01
+    )  # a turning slab shares its weight over more corners

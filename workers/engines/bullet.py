@@ -182,8 +182,10 @@ def carried_out(
     there, gap_m = [], []
     for k in range(0, len(given), 13):
         pybullet.resetBasePositionAndOrientation(_ROCK, given[k : k + 3], given[k + 3 : k + 7], client)
-        found = pybullet.getClosestPoints(_ROCK, _GROUND, near_m, physicsClientId=client)
-        gap_m.append(min((contact[_DISTANCE] for contact in found), default=near_m))
+        least_m = near_m
+        for contact in pybullet.getClosestPoints(_ROCK, _GROUND, near_m, physicsClientId=client):
+            least_m = min(least_m, contact[_DISTANCE])
+        gap_m.append(least_m)
         pybullet.resetBaseVelocity(_ROCK, given[k + 7 : k + 10], given[k + 10 : k + 13], client)
         pybullet.stepSimulation(client)
         for part in pybullet.getBasePositionAndOrientation(_ROCK, client):

@@ -92,6 +92,20 @@ def residuals_m_s(contacts, friction, velocity):
     return np.maximum(np.abs(np.minimum(pressed, parts - contacts["floor_m_s"])), coulomb)
 
 
+def test_a_contact_that_hardly_moves_on_a_rock_that_rolls_fast_has_an_answer():
+    """Its velocity is the difference of larger ones, known no better than these are rounded."""
+    random = np.random.default_rng(68)
+    impacts, _ = random_impacts(random, 2_000)
+    contacts, velocity = impacts["contacts"][:, :1].copy(), impacts["velocity"]
+    velocity[:, :3] = 1e-7 * random.normal(size=(2_000, 3)) - np.cross(
+        velocity[:, 3:], contacts["arm_m"][:, 0]
+    )
+    number = np.ones(2_000, np.int64)
+    of = impacts["friction"], impacts["inverse_inertia"], velocity
+    assert solve_all(contacts, number, *of, solver_room(MOST_CONTACTS)) == 2_000
+    assert residuals_m_s(contacts, impacts["friction"], velocity).max() < 2.0 * ENOUGH_M_S
+
+
 @pytest.mark.parametrize("count", [2_000, pytest.param(100_000, marks=pytest.mark.thorough)])
 def test_of_random_impacts_all_have_an_answer_that_obeys_the_cones_and_adds_no_energy(count):
     impacts, inertia = random_impacts(np.random.default_rng(67), count)

@@ -66,6 +66,7 @@ class DrawnBases:
     com_std_m: Array
     # (n, azimuths): acceleration at which the contacts of each begin to open; None over a surface.
     lift_off_m_s2: Array | None = None
+    effective: float = DRAWS  # draws of equal weight that say as much as those among which these were drawn
     # How likely each kind of base is by the rim, before any pull.
     kind_weights: dict[str, float] = field(default_factory=dict)
     feet: list[Array] = field(
@@ -84,11 +85,11 @@ class DrawnBases:
 
     def interval_m_s2(self) -> tuple[Array, Array, Array]:
         """Low, median and high (azimuths,) of the toppling acceleration, other errors included."""
-        return interval_of(self.toppling_m_s2)
+        return interval_of(self.toppling_m_s2, count=self.effective)
 
     def lift_off_interval_m_s2(self) -> tuple[Array, Array, Array] | None:
         """Low, median and high (azimuths,) of the acceleration at which contacts begin to open."""
-        return None if self.lift_off_m_s2 is None else interval_of(self.lift_off_m_s2)
+        return None if self.lift_off_m_s2 is None else interval_of(self.lift_off_m_s2, count=self.effective)
 
     @property
     def likeliest(self) -> list[int]:
@@ -120,23 +121,32 @@ class DrawnBases:
         return np.array([low, median, high]).T
 
 
-def interval_of(acceleration_m_s2: Array, weight: Array | None = None) -> tuple[Array, Array, Array]:
-    """Low, median and high of draws (n, azimuths), with what no draw shows; (k, azimuths) for weights (k, n)."""
-    tail = 0.5 * (1.0 - LEVEL)
-    levels = np.array([tail, 0.5, 1.0 - tail])
+def interval_of(
+    acceleration_m_s2: Array, weight: Array | None = None, count: float | None = None
+) -> tuple[Array, Array, Array]:
+    """Low, median and high of draws (n, azimuths), with what no draw shows; (k, azimuths) for weights (k, n).
+
+    The next draw lies between the ends with the probability `LEVEL`: it lies below the k-th of n with k / (n + 1)
+    (Weibull 1939), which is at the level (k - 1/2) / n of the draws (Hazen 1914). count: their effective number.
+    """
+    draws = acceleration_m_s2
     if weight is None:
-        low, median, high = np.quantile(acceleration_m_s2, levels, axis=0)
+        low, median, high = np.quantile(draws, _levels(count or len(draws)), axis=0, method="hazen")
     else:
-        low, median, high = np.array(
-            [
-                np.quantile(acceleration_m_s2, levels, axis=0, weights=row, method="inverted_cdf")
-                for row in weight
-            ]
-        ).swapaxes(0, 1)
+        low, median, high = np.array([
+            np.quantile(draws, _levels(effective_number(row)), axis=0, weights=row, method="inverted_cdf")
+            for row in weight
+        ]).swapaxes(0, 1)  # fmt: skip
     # What the draws do not show is joined in quadrature, on each side.
     other = 1.645 * OTHER_ERRORS_SHARE * median
     low, high = median - np.hypot(median - low, other), median + np.hypot(high - median, other)
     return np.maximum(low, 0.0), median, high
+
+
+def _levels(count: float) -> list[float]:
+    """Levels of the low end, the middle and the high end of so many draws."""
+    tail = max((0.5 * (1.0 - LEVEL) * (count + 1.0) - 0.5) / count, 0.0)
+    return [tail, 0.5, 1.0 - tail]
 
 
 class ContradictionError(InputError):
@@ -184,6 +194,7 @@ def draw_bases(
         np.array(toppling),
         com_std_m,
         np.array(lift_off) if interface.is_plane else None,
+        min(effective_number(weight), DRAWS),
         fractions,
         list(feet),
     )

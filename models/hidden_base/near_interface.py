@@ -77,10 +77,8 @@ class SidesSeen:
             return cls(middle_m, np.zeros(LEVELS), np.full((LEVELS, SECTORS), np.nan))
         low_m, high_m = side[:, 2].min(), side[:, 2].max()
         level = np.minimum(LEVELS * (side[:, 2] - low_m) / (high_m - low_m), LEVELS - 1).astype(int)
-        away_m, cell = (
-            np.linalg.norm(side[:, :2] - middle_m, axis=1),
-            level * SECTORS + sectors(side[:, :2] - middle_m),
-        )
+        offset = side[:, :2] - middle_m
+        away_m, cell = np.linalg.norm(offset, axis=1), level * SECTORS + sectors(offset)
         radii = np.full(LEVELS * SECTORS, np.nan)
         for number in np.flatnonzero(np.bincount(cell, minlength=len(radii)) >= _LEAST_PATCHES):
             radii[number] = np.median(away_m[cell == number])

@@ -73,6 +73,7 @@ class Candidate:
     concave_share: float  # of the edges that are cut
     cost: float  # of the cut, over the root of the number of surfels: short and creased is cheap
     loop_m: Array  # (k, 3): the patches beyond the edges that are cut, of what it stands on
+    carried: bool  # whether these face up, as those of a neck do not
     rivals: tuple["Candidate", ...] = ()  # cuts of like cost that leave much less or much more
 
     def shared(self, other: "Candidate") -> float:
@@ -128,7 +129,7 @@ def find_candidates(points_m: Array, coarse: Surfels) -> list[Candidate]:
             found.append([candidate])
         elif candidate in on_planes and _is_upper(candidate, found[own][0]):
             found[own] = [candidate]
-        elif found[own][0] not in on_planes and _is_apart(candidate, found[own]):
+        elif found[own][0] not in on_planes and _is_another(candidate, found[own]):
             found[own].append(candidate)
     found.sort(key=lambda cuts: -cuts[0].height_m)
     large = [cuts for cuts in found[:_ZOOMED] if cuts[0].height_m > _ZOOMED_SHARE * found[0][0].height_m]
@@ -136,9 +137,11 @@ def find_candidates(points_m: Array, coarse: Surfels) -> list[Candidate]:
     return sorted((_best_parted(cuts) for cuts in seen), key=lambda candidate: -candidate.height_m)
 
 
-def _is_apart(cut: Candidate, others: Iterable[Candidate]) -> bool:
-    """Whether a cut leaves much less or much more than each of some others."""
-    return all(cut.shared(other) < _OTHER_SHARE for other in others)
+def _is_another(cut: Candidate, others: Iterable[Candidate]) -> bool:
+    """Whether a cut leaves much less or more than each of some others; beside a neck, if it is another line at all."""
+    return all(
+        cut.shared(other) < (_ONE_LINE if cut.carried > other.carried else _OTHER_SHARE) for other in others
+    )
 
 
 def _best_parted(cuts: list[Candidate]) -> Candidate:
@@ -147,13 +150,18 @@ def _best_parted(cuts: list[Candidate]) -> Candidate:
     A part that is cheaper to cut off than the whole stands upon the rest: either may be meant.
     """
     thing = min((cut for cut in cuts if cut.height_m >= cuts[0].height_m), key=lambda cut: cut.cost)
-    return _with_rivals(thing, cuts)
+    return with_rivals(thing, cuts)
 
 
-def _with_rivals(thing: Candidate, cuts: list[Candidate]) -> Candidate:
-    """A thing with those of some cuts that cost like it and leave much less or much more than it and each other."""
+def with_rivals(thing: Candidate, cuts: list[Candidate]) -> Candidate:
+    """A thing with those of some cuts that cost like it and leave much less or much more than it and each other.
+
+    What is cut off along a neck may be one with what is below: then a cut that follows what carries both is a rival at
+    any cost.
+    """
     for cut in cuts:
-        if cut.cost < _LIKE_COST * thing.cost and _is_apart(cut, (thing, *thing.rivals)):
+        like = cut.cost < _LIKE_COST * thing.cost or cut.carried > thing.carried
+        if like and _is_another(cut, (thing, *thing.rivals)):
             thing = replace(thing, rivals=(*thing.rivals, cut))
     return thing
 
@@ -206,7 +214,7 @@ def _seen_near_by(points_m: Array, coarse: Candidate) -> Candidate:
             finer = least if _LIKE_COST * least.cost < coarse.cost else finer
         if finer is None:
             break
-        coarse = _with_rivals(replace(finer, rivals=coarse.rivals), closed)
+        coarse = with_rivals(replace(finer, rivals=coarse.rivals), closed)
     return coarse
 
 
@@ -283,9 +291,11 @@ def cut_between(
         return None
     points = surfels.points_m
     cut = edges[rock[edges[:, 0]] != rock[edges[:, 1]]]
-    loop_m = points[np.where(rock[cut[:, 0]], cut[:, 1], cut[:, 0])]
+    loop = np.where(rock[cut[:, 0]], cut[:, 1], cut[:, 0])
+    carried = not len(loop) or float(surfels.normals[loop, 2].mean()) > 0.0
     cost = float(_capacity(surfels, cut).sum() / (_OF_A_BULGE * np.sqrt(rock.sum())))
-    return Candidate(float(np.ptp(points[rock, 2])), points[peak], surfels, rock, share, cost, loop_m)
+    height_m = float(np.ptp(points[rock, 2]))
+    return Candidate(height_m, points[peak], surfels, rock, share, cost, points[loop], carried)
 
 
 def _level_planes(surfels: Surfels, edges: Indices) -> list[Interface]:

@@ -224,22 +224,15 @@ def _above_surface(base: Base, flat: Array, height_m: float, sheet: Sheet) -> ma
 def body_over(u: Array, v: Array, floor: Array, top_m: float) -> manifold3d.Manifold:
     """Body between a floor, given at the nodes of a grid, and a level top."""
     count = u.size
-    vertices = np.vstack(
-        [
-            np.column_stack([u.ravel(), v.ravel(), floor.ravel()]),
-            np.column_stack([u.ravel(), v.ravel(), np.full(count, top_m)]),
-        ]
-    )
+    nodes = np.column_stack([u.ravel(), v.ravel()])
+    levels = floor.reshape(-1, 1), np.full((count, 1), top_m)
+    vertices = np.vstack([np.hstack([nodes, level]) for level in levels])
     number = np.arange(count).reshape(u.shape)
     up = grid_triangles(u.shape)
     border = np.concatenate([number[:-1, 0], number[-1, :-1], number[:0:-1, -1], number[0, :0:-1]])
     after = np.roll(border, -1)
-    sides = np.concatenate(
-        [
-            np.column_stack([border, after, after + count]),
-            np.column_stack([border, after + count, border + count]),
-        ]
-    )
+    corners = (border, after, after + count), (border, after + count, border + count)
+    sides = np.concatenate([np.column_stack(each) for each in corners])
     faces = np.concatenate([up[:, ::-1], up + count, sides])
     return manifold3d.Manifold(manifold3d.Mesh64(vertices, faces.astype(np.uint64)))
 

@@ -64,10 +64,8 @@ class Grid:
     @property
     def nodes_m(self) -> Array:
         """Centres of the cells (*shape, 2)."""
-        return (
-            np.stack(np.meshgrid(*(np.arange(n) * self.cell_m for n in self.shape), indexing="ij"), -1)
-            + self.first_m
-        )
+        ways = (np.arange(count) * self.cell_m for count in self.shape)
+        return np.stack(np.meshgrid(*ways, indexing="ij"), -1) + self.first_m
 
 
 def smooth_sheet(grid: Grid, target: Array, weight: Array, tension: float = 1e-3) -> Array:
@@ -84,12 +82,8 @@ def smooth_sheet(grid: Grid, target: Array, weight: Array, tension: float = 1e-3
 def grid_laplacian(shape: tuple[int, ...]) -> csc_matrix:
     """Laplacian of the graph that joins each node of a grid with its neighbours along both axes."""
     number = np.arange(shape[0] * shape[1]).reshape(shape)
-    pairs = np.vstack(
-        [
-            np.column_stack([number[:-1].ravel(), number[1:].ravel()]),
-            np.column_stack([number[:, :-1].ravel(), number[:, 1:].ravel()]),
-        ]
-    )
+    ends = (number[:-1], number[1:]), (number[:, :-1], number[:, 1:])
+    pairs = np.vstack([np.column_stack([first.ravel(), last.ravel()]) for first, last in ends])
     adjacent = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(number.size, number.size))
     adjacent = adjacent + adjacent.T
     return csc_matrix(diags(np.asarray(adjacent.sum(axis=1)).ravel()) - adjacent)

@@ -205,15 +205,9 @@ def _straightened(line: Array, tolerance: float) -> Array:
     """Fewest of the line's points that keep it within a tolerance (Douglas and Peucker 1973)."""
     chord = line[-1] - line[0]
     length = float(np.linalg.norm(chord))
+    off = np.abs((line - line[0]) @ [-chord[1], chord[0]]) / max(length, 1e-12)
     if length < 1e-12:
         off = np.linalg.norm(line - line[0], axis=1)
-    else:
-        off = (
-            np.abs(
-                np.cross(np.append(chord, 0.0), np.column_stack([line - line[0], np.zeros(len(line))]))[:, 2]
-            )
-            / length
-        )
     far = int(np.argmax(off))
     if off[far] <= tolerance or len(line) < 3:
         return line[[0, -1]]

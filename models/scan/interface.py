@@ -188,14 +188,14 @@ class Interface:
 def _lining(surfels: Surfels, rock: Flags) -> Flags:
     """Which patches (n,) are the pedestal's top beside a rock.
 
-    A belly that hides its own foot hides the pedestal there: then the nearest patches that were seen count, in steps of
-    twice the distance.
+    What carries a rock lies below its middle. A belly that hides its own foot hides the pedestal there: then the
+    nearest patches that were seen count, in steps of twice the distance.
 
     Raises InputError if too little of it was seen.
     """
     distance, _ = cKDTree(surfels.points_m[rock]).query(surfels.points_m)
-    top = ~rock & (surfels.normals[:, 2] > _LEVEL)
     offset = surfels.points_m - surfels.points_m[rock].mean(axis=0)
+    top = ~rock & (surfels.normals[:, 2] > _LEVEL) & (offset[:, 2] < 0.0)
     sector = np.floor(np.arctan2(offset[:, 1], offset[:, 0]) / np.deg2rad(10.0))
     for reach in _CREVICE_VOXELS:
         near = top & (distance < reach * surfels.voxel_m)

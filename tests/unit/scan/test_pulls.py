@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from toppling.models.arrays import effective_number
+from toppling.models.hidden_base import draw_bases
 from toppling.models.hidden_base.draw_bases import AZIMUTHS_DEG, DRAWS, ENOUGH, interval_of
 from toppling.models.hidden_base.evidence import conditioned, pulls_log_likelihood
 from toppling.models.hidden_base.gap import resampled
@@ -46,6 +47,17 @@ def test_a_pull_anywhere_inside_the_stated_interval_leaves_many_draws(seed):
         for value in np.linspace(low[row], high[row], 9):
             kept = known_by([(row, value)], ratios, weight, random)
             assert len(np.unique(kept[:, row])) > 5  # no interval rests on a few draws
+
+
+@pytest.mark.parametrize("count", [19, 48])
+def test_the_next_draw_lies_in_nine_of_ten_intervals_however_few_draws_they_are_of(count, monkeypatch):
+    monkeypatch.setattr(draw_bases, "OTHER_ERRORS_SHARE", 0.0)
+    draws = np.random.default_rng(count).lognormal(size=(count + 1, 20_000))
+    next_draw, of_equal_weight = draws[0], np.ones((1, count))
+    low, _, high = interval_of(draws[1:])
+    assert ((low <= next_draw) & (next_draw <= high)).mean() == pytest.approx(0.9, abs=0.01)
+    low, _, high = (each[0] for each in interval_of(draws[1:], of_equal_weight))
+    assert ((low <= next_draw) & (next_draw <= high)).mean() == pytest.approx(0.9, abs=0.03)
 
 
 @pytest.mark.parametrize("pulls", [1, 2, 4])

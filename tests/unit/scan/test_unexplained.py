@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from toppling.models.errors import InputError
 from toppling.models.scan import virtual
-from toppling.models.scan.candidates import find_candidates
+from toppling.models.scan.candidates import Candidate, find_candidates, with_rivals
 from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.interface import fit_interface
 from toppling.models.scan.interface_hint import hint_of
@@ -153,6 +153,18 @@ def test_strays_high_up_the_rock_do_not_turn_the_interface(strays):
     assert abs(found.point_m[2]) < 0.01
 
 
+def test_a_crown_that_was_taken_for_pedestal_carries_nothing():
+    """Patches seen apart from the others at the top lie nearer to the rock than all of the ground."""
+    block, crown = (
+        box((-0.25, -0.25, 0.3), (0.25, 0.25, 1.0)),
+        wall((-0.25, -0.25, 1.01), (0.5, 0, 0), (0, 0.5, 0), (0, 0, 1)),
+    )
+    seen = seen_of(block, together(ground(0.3), crown))
+    found = fit_interface(seen.surfels, seen.patches)
+    assert found.normal[2] == pytest.approx(1.0, abs=1e-6)
+    assert found.point_m[2] == pytest.approx(0.0, abs=1e-6)
+
+
 def test_a_belly_that_hides_its_own_foot_is_given_the_nearest_pedestal_that_was_seen():
     ball = column(lambda z: 0.1 + 0.9 * np.sqrt(np.maximum(0.25 - (z - 0.5) ** 2, 0.0)))
     high = ball[0][:, 2] > 0.15
@@ -184,6 +196,19 @@ def test_of_a_stack_whose_joint_shows_from_near_by_the_user_is_asked_which_part_
     surfels = orient(thin(points, wide_m)[0], wide_m)
     with refused("scan.several_creases", "1.67 m high above --point", "1.19 m high above --point"):
         choose(find_candidates(points, surfels)[:1], None, np.zeros(3), surfels)
+
+
+@pytest.mark.parametrize("sides", ["horizontal", "up"])
+def test_what_is_cut_off_along_a_neck_has_the_cut_along_its_ground_as_rival_at_any_cost(sides):
+    """A cap on a stem: patches below the line that face sideways carry nothing, so that the two may be one."""
+    surfels = Surfels(*box((-0.25, -0.25, 0.0), (0.25, 0.25, 1.0)), np.zeros(1), VOXEL_M)
+    height = surfels.points_m[:, 2]
+    cap, whole = (
+        Candidate(1.0 - low, np.zeros(3), surfels, height >= low, 0.5, cost, np.zeros((3, 3)), carried)
+        for low, cost, carried in ((0.25, 1.0, sides == "up"), (0.0, 3.0, True))
+    )
+    assert with_rivals(cap, [cap, whole]).rivals == ((whole,) if sides == "horizontal" else ())
+    assert with_rivals(whole, [cap, whole]).rivals == ()
 
 
 @pytest.mark.slow

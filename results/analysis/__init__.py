@@ -1,7 +1,7 @@
 """Statistics of a run's result rows: toppling probabilities, fragility curves and their uncertainty. No drawing."""
 
 __all__ = [
-    "CONFIDENCE", "DIRECTION_BINS", "FEW", "HEADLINE_MEASURE", "NARROW_RECORDS", "SAMPLES", "audit_statistics",
+    "CONFIDENCE", "DIRECTION_BINS", "FEW", "HEADLINE_MEASURE", "SAMPLES", "audit_statistics",
     "constraint", "exchange", "fits", "fragility", "lognormal", "plane_reference", "resampling", "side_by_side",
     "unphysical",
 ]  # fmt: skip
@@ -14,9 +14,6 @@ CONFIDENCE = 0.95
 
 FEW = 10
 """Number of records, topplings or events below which what rests on them is not stated: its error is a third."""
-
-NARROW_RECORDS = 20
-"""Number of records below which intervals over them are too narrow, and tests of their scatter too wide."""
 
 DIRECTION_BINS = 8
 """Default number of direction bins around the circle."""

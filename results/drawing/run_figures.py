@@ -14,7 +14,7 @@ from scipy.special import ndtr
 from toppling.models.arrays import Array
 from toppling.models.files.table import write_csv
 from toppling.models.motions.measures import COMPARED, OPENQUAKE
-from toppling.results.analysis import NARROW_RECORDS, fits, lognormal, resampling
+from toppling.results.analysis import fits, lognormal, resampling
 from toppling.results.analysis.exchange import write_curves
 from toppling.results.analysis.fragility import (
     DIRECTION_BINS,
@@ -170,20 +170,21 @@ def _with_interval(numbers: Iterable[float], shaken: tuple[float, ...]) -> str:
     return f"{ends[0]} ({ends[1]} to {ends[2]})" if ends[1] and ends[2] else ends[0]
 
 
-def few_records(records: int) -> str:
-    """Remark that there are too few records; empty where there are enough."""
+def interval_words(jobs: pd.DataFrame) -> str:
+    """Format what the intervals of fits to some jobs are over."""
+    records, independent = jobs["record_id"].nunique(), lognormal.earthquakes(jobs).nunique()
     if records < LEAST_RECORDS:
-        return (
-            f"{records} {'record is' if records == 1 else 'records are'} too few: fewer than {LEAST_RECORDS} give "
-            "no interval over records."
-        )
-    if records < NARROW_RECORDS:
-        return f"With {records} records, fewer than about {NARROW_RECORDS}, the intervals are too narrow."
-    return ""
+        return f"Fewer than {LEAST_RECORDS} records, here {records}, give no intervals."
+    of = (
+        f"the {records} records"
+        if independent == records
+        else f"the {independent} earthquakes of {records} records"
+    )
+    return f"Intervals (95 %) are over bootstrap samples of {of} and of the bases."
 
 
 def fit_words(summary: pd.DataFrame, known: pd.DataFrame) -> str:
-    """Text of lognormal fits for a terminal, with a remark if there are too few records.
+    """Text of lognormal fits for a terminal, and what their intervals are over.
 
     summary: from `analysis.fits.summary`.
     known: rows with an answer that were fitted.
@@ -193,8 +194,7 @@ def fit_words(summary: pd.DataFrame, known: pd.DataFrame) -> str:
         return "no measure is known for every job: there is no fit"
     table = fit_table(curves.reset_index(drop=True), known)
     columns = [name for name in table if name not in ("samples", "without fit")]
-    paragraphs = [table[columns].to_string(index=False), few_records(known["record_id"].nunique())]
-    return "\n".join(filter(None, paragraphs))
+    return f"{table[columns].to_string(index=False)}\n{interval_words(known)}"
 
 
 FIT_PARTS = 20

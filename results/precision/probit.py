@@ -16,12 +16,15 @@ from numpy.typing import NDArray
 from scipy.special import fdtrc, log_ndtr, ndtr, stdtrit
 
 from toppling.models.arrays import Array, effective_number
-from toppling.results.analysis import FEW, NARROW_RECORDS
+from toppling.results.analysis import FEW
 from toppling.results.analysis.lognormal import LOG_ROOT_2_PI, STEPS, TOLERANCE, probit_weights
 from toppling.results.analysis.resampling import bases_of
 
 _DIFFERENCE = 1e-4
 """Step of numerical derivatives, as a fraction of a coefficient's standard error."""
+
+_SCATTERED = 20
+"""Number of records or earthquakes below which the test of their scatter rejects too often."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,7 +261,7 @@ def _p_value(curve: Curve, answers: Answers) -> float:
     """
     of_record = _departures(curve, answers)
     records, count = of_record.shape
-    if records < NARROW_RECORDS:
+    if records < _SCATTERED:
         return 1.0
     total = of_record.sum(axis=0)
     covariance = records * np.cov(of_record.T)

@@ -19,7 +19,7 @@ from toppling.models.frames import quadrant_of
 from toppling.models.hidden_base.intervals import base_sentences, volume_text
 from toppling.models.pedestal import FRICTION_SPREAD
 from toppling.models.scene import COM_SPREAD_SHARE, Scene
-from toppling.results.analysis import FEW, fits, resampling
+from toppling.results.analysis import FEW, fits
 from toppling.results.analysis.fragility import (
     PLANES,
     compare_frictions,
@@ -36,7 +36,7 @@ from toppling.results.drawing.report.constraint_page import branches_table, inco
 from toppling.results.drawing.report.content import Content
 from toppling.results.drawing.report.headline import first_screen
 from toppling.results.drawing.roses import rose_figure
-from toppling.results.drawing.run_figures import few_records, fit_figure, fit_table
+from toppling.results.drawing.run_figures import fit_figure, fit_table, interval_words
 from toppling.results.drawing.scene_figures import scene_picture
 from toppling.results.drawing.sentences import age_words
 from toppling.results.drawing.style import (
@@ -280,11 +280,10 @@ def _friction_section(content: Content, document: Document) -> list[Block]:
 def _fits_section(content: Content, document: Document) -> list[Block]:
     """Fits of the contact that the report begins with."""
     contact = content.chief
-    few = few_records(contact.known["record_id"].nunique())
     if contact.toppled < FEW:
         return [
             f"Too few topplings: {contact.toppled} of {len(contact.known):,} jobs, fewer than {FEW}. "
-            f"No curve is drawn and no measure is ranked; shake more strongly, or with more records. {few}".rstrip()
+            f"No curve is drawn and no measure is ranked; shake more strongly, or with more records."
         ]
     summary = fits.summary(contact.models)
     parts: list[Block] = []
@@ -305,9 +304,8 @@ def _fits_section(content: Content, document: Document) -> list[Block]:
             f"Measures of intensity, best first ({contact.words}): by how much each predicts records left out of the "
             "fit worse than the best, and the lognormal fragility over it.",
         ),
-        "Intervals (95 %) are over bootstrap samples of records and bases. A sample has no fit where its answers are "
-        f"separated; no measure has intervals with fewer than {resampling.LEAST_RECORDS} records. {few} Beyond the "
-        "strongest shaking the jobs say nothing.",
+        f"{interval_words(contact.known)} A sample has no fit where its answers are separated. Beyond the strongest "
+        "shaking the jobs say nothing.",
     ]
     return parts
 

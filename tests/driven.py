@@ -1,6 +1,5 @@
 """A browser without a screen that is driven as by a person: real clicks and keys, through Chromium's own driver."""
 
-import base64
 import json
 import re
 import shutil
@@ -94,9 +93,6 @@ class Browser:
         """What the page's scripts complained of since the last call."""
         told = self._ask("POST", f"{self._session}/se/log", {"type": "browser"})
         return [each["message"] for each in told if each["level"] in ("SEVERE", "WARNING")]
-
-    def picture(self, path):
-        path.write_bytes(base64.b64decode(self._ask("GET", f"{self._session}/screenshot")))
 
     def close(self):
         self._ask("DELETE", self._session)

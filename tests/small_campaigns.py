@@ -11,10 +11,10 @@ from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.plan import plan_of
 
 
-def campaign_in(folder, periods_s=(0.6, 1.0), scene=None, **axes):
+def campaign_in(folder, periods_s=(0.6, 1.0), scene=None, name="P{}", **axes):
     """The campaign of `campaign.toml`, beside its scene and its records P0, P1, ..."""
     (Scene.block(0.15, 0.2, 0.6) if scene is None else scene).save(folder / "scene")
-    pulses = [Record.of(f"P{n}", ricker(2.0, s, 0.01), event=f"E{n}") for n, s in enumerate(periods_s)]
+    pulses = [Record.of(name.format(n), ricker(2.0, s, 0.01), event=f"E{n}") for n, s in enumerate(periods_s)]
     Ensemble.write(folder / "ensemble", pulses)
     content = {"scene": "scene", "ensemble": "ensemble", "azimuth_deg": [0, 90], "friction": [0.9], **axes}
     lines = [f"{key} = {json.dumps(value)}\n" for key, value in content.items()]

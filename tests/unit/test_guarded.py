@@ -67,16 +67,16 @@ def test_a_fault_of_a_library_is_a_refusal_and_the_next_file_is_read(reads, name
     assert reads("good")[0] == {"name": "file.dat"}
 
 
-def test_an_endless_reader_is_stopped_by_its_processor_time(reads, monkeypatch):
-    monkeypatch.setattr(guarded, "_PROCESSOR_S", 1.0)
-    with refused("file.unreadable", "processor time"):
-        reads("hasty")
-
-
-def test_a_reader_that_waits_is_stopped_by_the_clock(reads, monkeypatch):
-    monkeypatch.setattr(guarded, "_PATIENCE", 0.33)
-    with refused("file.unreadable", "1 s"):
-        reads("asleep")
+@pytest.mark.parametrize(
+    ("limit", "most", "name", "what"),
+    [("_PROCESSOR_S", 1.0, "hasty", "processor time"), ("_PATIENCE", 0.33, "asleep", "1 s")],
+)
+def test_an_endless_reader_is_stopped_by_its_processor_time_or_the_clock(
+    reads, monkeypatch, limit, most, name, what
+):
+    monkeypatch.setattr(guarded, limit, most)
+    with refused("file.unreadable", what):
+        reads(name)
     assert not guarded.READERS
 
 

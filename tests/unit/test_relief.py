@@ -12,7 +12,7 @@ from toppling.models.pedestal import Pedestal
 from toppling.models.relief import contact_feet_m, height_below
 from toppling.models.rock import Rock
 from toppling.models.shapes import box
-from toppling.models.statics import quasi_static_toppling_m_s2
+from toppling.models.statics import quasi_static_toppling_m_s2, support_polygon_m
 
 G = 9.81
 UP = np.array([0.0, 0.0, 1.0])
@@ -62,10 +62,12 @@ def strips(profile, along):
     return Pedestal(np.zeros(3), UP, vertices, faces)
 
 
+BLOCK = box(0.2, 0.2, 0.6).moved(np.eye(3), (0.0, 0.0, 0.6))
+"""It stands on z = 0."""
+
+
 def toppling_m_s2(pedestal, azimuths_deg):
-    """Of a block .4 m square and 1.2 m high, which stands on z = 0."""
-    rock = box(0.2, 0.2, 0.6).moved(np.eye(3), (0.0, 0.0, 0.6))
-    return [value for _, value in quasi_static_toppling_m_s2(rock, pedestal, G, azimuths_deg)]
+    return [value for _, value in quasi_static_toppling_m_s2(BLOCK, pedestal, G, azimuths_deg)]
 
 
 @pytest.mark.parametrize(
@@ -78,9 +80,10 @@ def test_rails_carry_a_block_where_its_edges_cross_them_however_far_apart_their_
     np.testing.assert_allclose(toppling_m_s2(rails, [0.0, 90.0]), [G * 0.1 / 0.6, G * 0.2 / 0.6], rtol=1e-9)
 
 
-@pytest.mark.parametrize("lean", [-0.03, 0.0, 0.01])
-def test_a_cliff_whose_wall_is_meshed_carries_as_one_that_ends_the_mesh(lean):
-    cliff = strips([(-1, 0), (0.05, 0), (0.05 + lean, -2), (1, -2)], [-1.0, 1.0])
+@pytest.mark.parametrize("wall", [[], *([(0.05 + lean, -2), (1, -2)] for lean in (-0.03, 0.0, 0.01))])
+def test_a_face_that_overhangs_a_cliff_topples_over_its_edge_with_a_meshed_wall_or_none(wall):
+    cliff = strips([(-1, 0), (0.05, 0), *wall], [-1.0, 1.0])
+    assert np.ptp(support_polygon_m(BLOCK, cliff), axis=0) == pytest.approx([0.25, 0.4, 0.0])
     np.testing.assert_allclose(toppling_m_s2(cliff, [180.0, 0.0]), [G * 0.05 / 0.6, G * 0.2 / 0.6], rtol=1e-9)
 
 

@@ -28,16 +28,6 @@ def write(copy, **files):
         place.write_text(text)
 
 
-def test_what_one_machine_writes_another_reads(two_machines):
-    first, second = two_machines
-    second.pull()
-    assert not second.path.exists()  # there is no run yet, and none begins by being looked for
-    write(first, **{"run.json": "{}", "parts__a": "rows" * 1000, "scene__rock.ply": "mesh"})
-    first.push()
-    second.pull()
-    assert content(second) == content(first)
-
-
 def test_parts_that_are_merged_leave_the_store_and_the_other_copy(two_machines):
     first, second = two_machines
     write(first, parts__a="rows", parts__b="rows")
@@ -51,8 +41,10 @@ def test_parts_that_are_merged_leave_the_store_and_the_other_copy(two_machines):
     assert content(second) == {"results.parquet": b"all rows"}
 
 
-def test_what_is_not_carried_yet_outlives_a_pull(two_machines):
+def test_what_one_machine_writes_another_reads_and_what_is_not_carried_yet_outlives_a_pull(two_machines):
     first, second = two_machines
+    second.pull()
+    assert not second.path.exists()  # there is no run yet, and none begins by being looked for
     write(first, parts__a="rows")
     first.push()
     second.pull()
@@ -110,17 +102,6 @@ def there(address):
     return {name: store.read(name).decode() for name in store.objects() if name != CLAIM}
 
 
-def killed(copy, **files):
-    stopped = copy.sole_writer()
-    stopped.__enter__()
-    write(copy, **files)
-    copy.push()
-    copy._claim._text = b"of a process that is no more"  # nothing more is put, nothing released
-    with refused("store.taken_over"):
-        stopped.__exit__(None, None, None)
-    assert Store(copy.address).holds(CLAIM)
-
-
 def test_while_one_writes_every_other_is_refused_by_who_writes_and_the_way_to_take_over(machine, address):
     with machine("first").sole_writer():
         for name in ("first", "second"):
@@ -158,7 +139,15 @@ def test_of_many_that_come_at_once_exactly_one_writes(machine):
 
 
 def test_a_killed_writer_leaves_its_claim_which_is_taken_over_only_when_told(machine, address):
-    killed(machine("first"), a="1")
+    first = machine("first")
+    stopped = first.sole_writer()
+    stopped.__enter__()
+    write(first, a="1")
+    first.push()
+    first._claim._text = b"of a process that is no more"  # nothing more is put, nothing released
+    with refused("store.taken_over"):
+        stopped.__exit__(None, None, None)
+    assert Store(address).holds(CLAIM)
     for name in ("first", "second"):
         with refused("store.written_by_another", "--take-over"), machine(name).sole_writer():
             pass
@@ -206,14 +195,11 @@ def test_a_writer_that_stalls_in_a_put_while_another_takes_over_changes_nothing_
     assert former._claim.loss.code == "store.taken_over"
 
 
-def cutting(monkeypatch, times):
-    left = [times]
+def cutting(monkeypatch):
     put, stream = Store._put, Store._stream
 
     def cut(name):
-        half = name.strip("./").startswith("a") and left[0] > 0
-        left[0] -= half
-        return half
+        return name.strip("./").startswith("a")
 
     def put_half(store, name, body, **condition):
         return put(store, name, body[: len(body) // 2] if cut(name) else body, **condition)
@@ -233,7 +219,7 @@ def test_an_object_that_the_store_always_cuts_short_is_an_error_and_not_recorded
     machine, address, monkeypatch
 ):
     with monkeypatch.context() as patch:
-        cutting(patch, times=1000)
+        cutting(patch)
         write(machine("first"), a="all of it")
         with refused("store.not_as_sent", 4, 9):
             machine("first").push()

@@ -72,15 +72,6 @@ def test_a_catalogue_without_a_measure_that_rows_have_is_refused(ensemble, tmp_p
         Ensemble.load(tmp_path / "e")
 
 
-def rewritten(ensemble, folder, name, column, change):
-    shutil.copytree(ensemble.folder, folder)
-    table = pq.read_table(folder / name)
-    changed = pa.array([change(value) for value in table.column(column).to_pylist()])
-    index = table.schema.get_field_index(column)
-    write_table(table.set_column(index, table.schema.field(column), changed), folder / name, rows_in_group=1)
-    return Ensemble.load(folder)
-
-
 @pytest.mark.parametrize(
     ("name", "column", "change", "what"),
     [
@@ -92,7 +83,12 @@ def rewritten(ensemble, folder, name, column, change):
     ],
 )
 def test_a_motion_that_is_not_the_catalogues_is_refused(ensemble, tmp_path, name, column, change, what):
-    other = rewritten(ensemble, tmp_path / "other", name, column, change)
+    path = shutil.copytree(ensemble.folder, tmp_path / "other") / name
+    table = pq.read_table(path)
+    changed = pa.array([change(value) for value in table.column(column).to_pylist()])
+    index = table.schema.get_field_index(column)
+    write_table(table.set_column(index, table.schema.field(column), changed), path, rows_in_group=1)
+    other = Ensemble.load(path.parent)
     with refused("ensemble.motion_foreign", what):
         other.record(other.record_ids[1])
 

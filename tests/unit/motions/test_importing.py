@@ -186,18 +186,6 @@ def test_a_seismometers_response_is_removed_and_the_xmls_azimuths_orient(unit, o
     assert error < 0.02 * np.abs(a).max()
 
 
-def unstated(folder: Path, motion: np.ndarray, **stated: str):
-    """Time and three columns of which the table may not say if they were corrected."""
-    time = np.arange(len(motion)) * STEP_S
-    np.savetxt(folder / "rec.txt", np.column_stack([time, motion]), fmt="%.6f")
-    tabled([folder / "rec.txt"] * 3, **stated)
-
-
-def long_shaking() -> np.ndarray:
-    """A minute that begins and ends at rest, displacement and velocity zero."""
-    return end_at_rest(Motion(shaking(6000), STEP_S)).acceleration_m_s2.copy()
-
-
 @pytest.mark.parametrize("letter", "ENZ")
 def test_one_uncorrected_channel_makes_a_record_uncorrected(letter, tmp_path):
     (path,) = (p for p in WRITERS["esm"](tmp_path, shaking()) if f"HN{letter}" in p.name)
@@ -237,8 +225,10 @@ NO, ALL, ONE = np.zeros((6000, 3)), np.full((6000, 3), 0.02), np.eye(3)[0]
     ids=["at rest", "an offset up", "an offset", "a fling", "a wander", "called corrected", "called raw"],
 )  # fmt: skip
 def test_columns_are_left_if_they_are_called_corrected_or_do_not_drift(added_m_s2, word, quality, tmp_path):
-    a = long_shaking()
-    unstated(tmp_path, a + added_m_s2, unit="m/s2", processing=word)
+    # It begins and ends at rest, velocity and displacement zero.
+    a = end_at_rest(Motion(shaking(6000), STEP_S)).acceleration_m_s2.copy()
+    np.savetxt(tmp_path / "rec.txt", np.column_stack([A_MINUTE_S, a + added_m_s2]), fmt="%.6f")
+    tabled([tmp_path / "rec.txt"] * 3, unit="m/s2", processing=word)
     (record,) = imported(tmp_path, process=None).records
     assert record.quality == quality
     if added_m_s2 is ALL and not word:
@@ -262,16 +252,14 @@ def written(folder: Path, name: str, seed: int, *replacements: dict[str, str]) -
     return edited(folder, name, *changes, motion=shaking(seed=seed))
 
 
-def both_imported(folder: Path, events: tuple[str, str] | None = None, unit: str = ""):
-    """What is read of two folders, with a table that names their events if these are given."""
-    table = []
-    if events:
-        rows = ["event,unit,h1,h2,v"]
-        for event, name in zip(events, "ab", strict=True):
-            paths = [str(path.relative_to(folder)) for path in sorted((folder / name).iterdir())]
-            rows.append(",".join((event, unit, *paths)))
-        (folder / "table.csv").write_text("\n".join(rows) + "\n")
-        table = read_table(folder / "table.csv")
+def both_imported(folder: Path, events: tuple[str, str], unit: str = ""):
+    """What is read of two folders, with a table that names their events."""
+    rows = ["event,unit,h1,h2,v"]
+    for event, name in zip(events, "ab", strict=True):
+        paths = [str(path.relative_to(folder)) for path in sorted((folder / name).iterdir())]
+        rows.append(",".join((event, unit, *paths)))
+    (folder / "table.csv").write_text("\n".join(rows) + "\n")
+    table = read_table(folder / "table.csv")
     return import_records(record_files([folder / "a", folder / "b"]), table, ImportOptions(process=False))
 
 

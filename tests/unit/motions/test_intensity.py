@@ -21,12 +21,6 @@ from toppling.models.motions.synthetic import synthetic_ensemble
 STEP_S = 0.005
 
 
-def sine_cycles(pga, period_s, cycles, azimuth=0.0):
-    time = np.arange(round(cycles * period_s / STEP_S) + 1) * STEP_S
-    a = pga * np.sin(2 * np.pi * time / period_s)
-    return Motion(np.column_stack([a * np.cos(azimuth), a * np.sin(azimuth), 0 * a]), STEP_S)
-
-
 def test_energy_duration_of_a_single_pulse_of_velocity():
     # v = V (1 - cos(2 pi t / T)); share of its square: x - 2 sin(2 pi x) / 3 pi + sin(4 pi x) / 12 pi
     period = 2.0
@@ -57,7 +51,8 @@ def test_the_spectrum_of_a_short_period_is_that_of_the_ground_between_the_sample
 
 def test_rotd_of_motion_along_one_line_is_the_cosine():
     pga, azimuth = 3.0, np.deg2rad(20)
-    horizontal = sine_cycles(pga, 0.5, 200, azimuth).acceleration_m_s2[:, :2]
+    waves = pga * np.sin(2 * np.pi * np.arange(20_001) * STEP_S / 0.5)
+    horizontal = np.outer(waves, [np.cos(azimuth), np.sin(azimuth)])
     peaks = rotated_peaks(horizontal)
     assert peaks == pytest.approx(
         np.abs(pga * np.cos(np.deg2rad(np.arange(180)) - azimuth)), rel=1e-9, abs=1e-9
@@ -94,25 +89,6 @@ def test_turning_a_motion_turns_the_azimuth_of_its_peak_and_no_vector_measure():
             assert after[name] == pytest.approx(value, rel=1e-3), name
 
 
-def against_eqsig(acceleration, step):
-    signal = eqsig.AccSignal(acceleration, step)
-    periods = np.array([0.1, 0.3, 1.0, 2.0])
-    ours = np.array([np.abs(oscillator_response_m_s2(acceleration, step, one)).max() for one in periods])
-    theirs = eqsig.sdof.pseudo_response_spectra(acceleration, step, periods, 0.05)[2]
-    # eqsig writes 2 pi with eight digits, and begins at rest: half a step of the first sample is an impulse
-    impulse_m_s = 0.5 * abs(acceleration[0]) * step
-    assert (np.abs(ours - theirs) <= 1e-6 * theirs + 2 * np.pi / periods * impulse_m_s).all()
-    assert arias_m_s(acceleration, step) == pytest.approx(
-        eqsig.im.calc_arias_intensity(signal)[-1], rel=2e-3
-    )  # its g is 9.81
-    motion = Motion(np.column_stack([acceleration, 0 * acceleration, 0 * acceleration]), step)
-    measures = measure(motion)
-    assert measures["cav_m_s"] == pytest.approx(eqsig.im.calc_cav(signal)[-1], rel=2e-3)
-    assert measures["pgv_m_s"] == pytest.approx(np.abs(signal.velocity).max(), rel=1e-3)
-    start, end = eqsig.im.calc_sig_dur_vals(acceleration, step, se=True)
-    assert duration_between_shares_s(acceleration**2, step) == pytest.approx(end - start, abs=2 * step)
-
-
 @pytest.mark.parametrize(("step_s", "first_m_s2", "seed"), [(0.005, 0.0, 1), (0.01, 0.2, 2)])
 def test_measures_agree_with_eqsig_on_noise_that_may_begin_amidst_the_shaking(step_s, first_m_s2, seed):
     """An agency's record may begin late; two integrations make the noise's velocity and displacement."""
@@ -122,4 +98,19 @@ def test_measures_agree_with_eqsig_on_noise_that_may_begin_amidst_the_shaking(st
     envelope = (time / time[1500]) ** 2 * np.exp(2 - 2 * time / time[1500])
     acceleration = 0.3 * envelope * waves
     acceleration += first_m_s2 * np.exp(-((time / 2.0) ** 2)) * np.cos(2 * np.pi * time)
-    against_eqsig(acceleration, step_s)
+    signal = eqsig.AccSignal(acceleration, step_s)
+    periods = np.array([0.1, 0.3, 1.0, 2.0])
+    ours = np.array([np.abs(oscillator_response_m_s2(acceleration, step_s, one)).max() for one in periods])
+    theirs = eqsig.sdof.pseudo_response_spectra(acceleration, step_s, periods, 0.05)[2]
+    # eqsig writes 2 pi with eight digits, and begins at rest: half a step of the first sample is an impulse
+    impulse_m_s = 0.5 * abs(acceleration[0]) * step_s
+    assert (np.abs(ours - theirs) <= 1e-6 * theirs + 2 * np.pi / periods * impulse_m_s).all()
+    assert arias_m_s(acceleration, step_s) == pytest.approx(
+        eqsig.im.calc_arias_intensity(signal)[-1], rel=2e-3
+    )  # its g is 9.81
+    motion = Motion(np.column_stack([acceleration, 0 * acceleration, 0 * acceleration]), step_s)
+    measures = measure(motion)
+    assert measures["cav_m_s"] == pytest.approx(eqsig.im.calc_cav(signal)[-1], rel=2e-3)
+    assert measures["pgv_m_s"] == pytest.approx(np.abs(signal.velocity).max(), rel=1e-3)
+    start, end = eqsig.im.calc_sig_dur_vals(acceleration, step_s, se=True)
+    assert duration_between_shares_s(acceleration**2, step_s) == pytest.approx(end - start, abs=2 * step_s)

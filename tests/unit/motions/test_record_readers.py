@@ -487,13 +487,6 @@ def test_pieces_that_do_not_fit_are_refused_as_gap_or_overlap(parts, change, cod
         read_file(pieces(tmp_path / "r.mseed", *parts, change=change))
 
 
-def turned(folder, order: str, **channels: tuple[float, float]) -> None:
-    for path in sac(folder, shaking()):
-        trace = obspy.read(str(path))[0]
-        trace.stats.sac.cmpaz, trace.stats.sac.cmpinc = channels[trace.stats.channel[-1]]
-        trace.write(str(path), format="SAC", byteorder=order)
-
-
 @pytest.mark.parametrize("order", ["<", ">"])
 @pytest.mark.parametrize(
     ("channels", "told"),
@@ -505,7 +498,10 @@ def turned(folder, order: str, **channels: tuple[float, float]) -> None:
     ],
 )
 def test_the_channels_code_decides_where_sacs_inclination_contradicts_it(channels, told, order, tmp_path):
-    turned(tmp_path, order, **channels)
+    for path in sac(tmp_path, shaking()):
+        trace = obspy.read(str(path))[0]
+        trace.stats.sac.cmpaz, trace.stats.sac.cmpinc = channels[trace.stats.channel[-1]]
+        trace.write(str(path), format="SAC", byteorder=order)
     outcome = import_records(
         sorted(tmp_path.glob("*.sac")), read_table(tmp_path / "table.csv"), ImportOptions(process=False)
     )

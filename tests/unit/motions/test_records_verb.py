@@ -160,15 +160,6 @@ def waveforms(code, start, end):
     return stream
 
 
-def events():
-    event = Event(
-        origins=[Origin(time=ORIGIN, latitude=35.77, longitude=-117.60, depth=8000)],
-        magnitudes=[Magnitude(mag=7.1)],
-        event_descriptions=[EventDescription("Test Valley")],
-    )
-    return Catalog([event])
-
-
 class Service:
     """What ObsPy's client of a service answers: each network with each station, as FDSN's queries mean it."""
 
@@ -180,7 +171,12 @@ class Service:
     def get_events(self, eventid):
         if eventid != "ev1":
             raise ValueError("no data")
-        return events()
+        event = Event(
+            origins=[Origin(time=ORIGIN, latitude=35.77, longitude=-117.60, depth=8000)],
+            magnitudes=[Magnitude(mag=7.1)],
+            event_descriptions=[EventDescription("Test Valley")],
+        )
+        return Catalog([event])
 
     def get_stations(self, network="XX", station=None, **asked):
         around = {name: asked[name] for name in ("latitude", "longitude", "maxradius") if name in asked}

@@ -85,23 +85,6 @@ def test_a_response_in_another_unit_or_against_itself_is_refused_by_what_it_stat
     left_out(outcome, code, *named)
 
 
-def with_xml_at(folder, codes):
-    """Records without a location, and a StationXML of the same channels at others."""
-    miniseed(folder, shaking())
-    path = folder / "XX.TST.xml"
-    inventory = obspy.read_inventory(str(path))
-    (station,) = inventory[0].stations
-    channels = station.channels
-    station.channels = []
-    for code in codes:
-        for channel in channels:
-            placed = copy.deepcopy(channel)
-            placed.location_code = code
-            station.channels.append(placed)
-    inventory.write(str(path), format="STATIONXML")
-    return imported(folder)
-
-
 @pytest.mark.parametrize("value", ["", "counts", "NaN", "0"])
 def test_a_sensitivity_that_is_no_number_is_refused(value, tmp_path):
     station_of(tmp_path, "M/S**2", 2e5)
@@ -114,5 +97,16 @@ def test_a_sensitivity_that_is_no_number_is_refused(value, tmp_path):
 
 @pytest.mark.parametrize("codes", [["00"], ["00", "20"]])
 def test_a_response_at_other_locations_is_refused_and_they_are_named(codes, tmp_path):
-    named = [f"XX.TST.{code}.HNE" for code in codes]
-    left_out(with_xml_at(tmp_path, codes), "response.missing", *named)
+    """The records have none."""
+    miniseed(tmp_path, shaking())
+    path = tmp_path / "XX.TST.xml"
+    inventory = obspy.read_inventory(str(path))
+    (station,) = inventory[0].stations
+    channels, station.channels = station.channels, []
+    for code in codes:
+        for channel in channels:
+            placed = copy.deepcopy(channel)
+            placed.location_code = code
+            station.channels.append(placed)
+    inventory.write(str(path), format="STATIONXML")
+    left_out(imported(tmp_path), "response.missing", *(f"XX.TST.{code}.HNE" for code in codes))

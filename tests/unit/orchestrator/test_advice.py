@@ -29,16 +29,17 @@ from toppling.orchestrator.verbs.init import levels_between
 
 BLOCK = Scene.block(0.2, 0.2, 0.6)
 LEAST_M_S2 = 9.81 * 0.2 / 0.6
-
-
 FEET_M = np.array([[0.2, 0.2, 0.0], [-0.2, 0.2, 0.0], [0.0, -0.2, 0.0]])
 UNSEEN = replace(BLOCK, unseen=UnseenBase(0.05, (BaseDraw(FEET_M),)))
 
 
-def warned(levels, friction=(0.8,), scene=BLOCK, **more):
-    pga = levels if isinstance(levels, str) else list(levels)
-    axes = {"pga_m_s2": pga, "azimuth_deg": [0], "friction": list(friction), **more}
-    return warnings_of(Campaign.of({"scene": "s", "ensemble": "e", **axes}, Path()), scene)
+def campaign_at(levels, **more):
+    axes = {"pga_m_s2": levels, "azimuth_deg": [0], "friction": [0.8], **more}
+    return Campaign.of({"scene": "s", "ensemble": "e", **axes}, Path())
+
+
+def warned(levels, scene=BLOCK, **more):
+    return warnings_of(campaign_at(levels, **more), scene)
 
 
 SLENDER, SOUND = Scene.block(0.02, 0.2, 0.6), [2, 4, 8]
@@ -74,11 +75,6 @@ def weak(tmp_path):
     strengths = (("strong", 3.0), ("weak", 0.0045), ("fair", 0.2))
     records = [Record.of(name, ricker(pga_m_s2, 1.0)) for name, pga_m_s2 in strengths]
     return Ensemble.write(tmp_path / "ensemble", records)
-
-
-def campaign_at(levels, **more):
-    axes = {"pga_m_s2": levels, "azimuth_deg": [0], "friction": [0.8], **more}
-    return Campaign.of({"scene": "s", "ensemble": "e", **axes}, Path())
 
 
 def shaken(ensemble, levels, **more):

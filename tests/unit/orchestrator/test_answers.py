@@ -7,15 +7,12 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 import pyarrow as pa
 import pytest
-from reference.idealised import ricker
+from small_campaigns import planned_in
 
 from toppling.models.hidden_base.unseen_base import BaseDraw, UnseenBase
 from toppling.models.motions.ensemble import Ensemble
-from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.orchestrator.answers import Asked
-from toppling.orchestrator.campaign import Campaign
-from toppling.orchestrator.plan import plan_of
 from toppling.orchestrator.task import lost_row
 from toppling.results.schema import LIMITS, SCHEMA
 from toppling.results.store import table_of
@@ -34,16 +31,9 @@ def planned(tmp_path_factory):
     corners_m = np.array([[x, y, 0.0] for x in (-0.15, 0.15) for y in (-0.2, 0.2)])
     unseen = UnseenBase(0.1, tuple(BaseDraw(corners_m * share) for share in (0.9, 0.8)))
     scene = dataclasses.replace(Scene.block(0.15, 0.2, 0.6), unseen=unseen)
-    records = [
-        Record.of(name, ricker(hz, 0.8, 0.01), event=f"E{name}") for name, hz in (("P", 2.0), ("Q", 1.5))
-    ]
-    ensemble = Ensemble.write(folder / "ensemble", records)
-    scene.save(folder / "scene")
-    (folder / "campaign.toml").write_text(
-        'scene = "scene"\nensemble = "ensemble"\npga_m_s2 = [1.0, 9.0]\nazimuth_deg = [0, 45, 90, 135]\n'
-        'friction = [0.9]\nrealisations = 3\npreset = "fast"\n'
-    )
-    plan = plan_of(Campaign.read(folder / "campaign.toml"))
+    axes = {"pga_m_s2": [1.0, 9.0], "azimuth_deg": [0, 45, 90, 135], "realisations": 3, "preset": "fast"}
+    plan = planned_in(folder, (0.8, 1.0), scene, **axes)
+    ensemble = Ensemble.load(folder / "ensemble")
     rows = [run_job(plan.spec(row), Assets(scene, ensemble)) | OF_WORKER for row in range(len(plan))]
     return Asked(plan, folder), plan, rows
 

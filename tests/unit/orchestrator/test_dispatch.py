@@ -12,37 +12,20 @@ from toppling.orchestrator.execution import budget_s, room_for
 from toppling.orchestrator.plan import balanced_order
 
 
-def dispatch_of(jobs):
-    return Dispatch(np.arange(jobs), np.ones(jobs))
-
-
-def drain(dispatch, workers=2):
-    while batch := dispatch.next_batch(workers):
-        yield batch
-
-
 @pytest.mark.parametrize(("jobs", "workers", "last"), [(1000, 2, 60), (100, 2, 20), (1000, 64, 200)])
 def test_the_last_jobs_go_out_the_longest_records_first(jobs, workers, last):
     order, duration_s = np.random.default_rng(1).permutation(jobs), np.arange(float(jobs))
-    out = [job for batch in drain(Dispatch(order, duration_s), workers) for job in batch.jobs]
+    dispatch, out = Dispatch(order, duration_s), []
+    while batch := dispatch.next_batch(workers):
+        out += batch.jobs
     head = next(number for number in range(jobs) if out[number:] == sorted(out[number:], reverse=True))
     assert out[:head] == order[:head].tolist()
     assert last - FIRST_JOBS // 4 <= jobs - head <= last
     assert sorted(out) == list(range(jobs))
 
 
-def test_after_a_death_every_job_of_the_batch_is_tried_alone():
-    dispatch = dispatch_of(100)
-    batch = dispatch.next_batch(1)
-    assert dispatch.died(batch) is None
-    again = [dispatch.next_batch(1) for _ in batch.jobs]
-    assert [lone.jobs for lone in again] == [(job,) for job in batch.jobs]
-    assert all(lone.alone and lone.attempt == 2 for lone in again)
-    assert not dispatch.next_batch(1).alone
-
-
 def test_a_job_is_given_up_after_as_many_deaths_of_its_lone_workers_as_are_allowed():
-    dispatch = dispatch_of(1)
+    dispatch = Dispatch(np.arange(1), np.ones(1))
     dispatch.died(dispatch.next_batch(1))  # not alone: says nothing of this job
     assert [dispatch.died(dispatch.next_batch(1)) for _ in range(Limits.tries)] == [None, None, 0]
 
@@ -50,7 +33,7 @@ def test_a_job_is_given_up_after_as_many_deaths_of_its_lone_workers_as_are_allow
 @settings(max_examples=60)
 @given(jobs=st.integers(1, 300), killer=st.integers(0, 59), seed=st.integers(0, 2**32 - 1))
 def test_under_any_course_of_events_every_job_ends_once_and_only_killers_are_given_up(jobs, killer, seed):
-    dispatch = dispatch_of(jobs)
+    dispatch = Dispatch(np.arange(jobs), np.ones(jobs))
     rng = np.random.default_rng(seed)
     done, given_up, flying = [], [], []
     while dispatch or flying:

@@ -121,16 +121,12 @@ def test_the_shares_of_a_run_count_jobs_with_an_answer_by_level(planned, tmp_pat
     assert (share.level_m_s2, share.jobs, share.toppled) == (5.0, 2, 1)
 
 
-def entries(run):
-    return [json.loads(line) for line in (run / LOG_FILE).read_text().splitlines()]
-
-
 def test_events_and_warnings_are_lines_with_time_level_and_fields(tmp_path):
     with journal(tmp_path):
         log_event("rows stored", done=3)
         named = {"fields": {"worker": "w1"}}
         logging.getLogger("toppling.orchestrator.execution").warning("a worker %s", "died", extra=named)
-    stored, died = entries(tmp_path)
+    stored, died = map(json.loads, (tmp_path / LOG_FILE).read_text().splitlines())
     assert (stored["event"], stored["level"], stored["done"]) == ("rows stored", "info", 3)
     assert (died["event"], died["level"], died["worker"]) == ("a worker died", "warning", "w1")
     assert stored["time"] <= died["time"]

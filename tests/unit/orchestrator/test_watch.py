@@ -11,7 +11,7 @@ import threading
 from datetime import UTC, datetime, timedelta
 
 import pytest
-from browser import BROWSER, needs_browser
+from browser import needs_browser, shown
 from small_campaigns import planned_in
 from waiting import wait_until
 
@@ -98,19 +98,13 @@ def test_a_toppling_is_replayed_on_a_click(server):
 
 @needs_browser
 def test_a_browser_draws_the_map_and_runs_nothing_that_a_run_says(server, tmp_path):
-    done = subprocess.run(
-        [
-            BROWSER, "--headless=new", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path}", "--dump-dom",
-            "--enable-logging=stderr", "--virtual-time-budget=4000", server.address,
-        ],
-        capture_output=True, text=True, timeout=120, check=True,
-    )  # fmt: skip
+    document, complaints = shown(server.address, tmp_path)
     told = state(server)
-    assert done.stdout.count('class="cell"') == len(told["maps"][0]["cells"])
-    assert done.stdout.count(">replay</button>") == len(told["latest"])
-    assert "&lt;img src=x" in done.stdout
-    assert "owned</title>" not in done.stdout
-    assert not [line for line in done.stderr.splitlines() if "CONSOLE" in line]
+    assert document.count('class="cell"') == len(told["maps"][0]["cells"])
+    assert document.count(">replay</button>") == len(told["latest"])
+    assert "&lt;img src=x" in document
+    assert "owned</title>" not in document
+    assert not complaints
 
 
 PROGRAM = """

@@ -101,17 +101,6 @@ def test_rocks_of_one_date_stand_equally_long_in_every_draw_and_need_one_age():
         joint_ages([parse_age("1000"), parse_age("2000")], common_date=True)
 
 
-def test_one_common_date_rejects_less_than_independent_ones():
-    """As the module's page says: independent dates of rocks that fell silent together overstate what they know."""
-    ages = [parse_age("5000..35000")] * 2
-    states = exposure(joint_ages(ages)).states
-    # Two rocks that topple in different events: rates add.
-    rates = RATE * np.sign(states).sum(axis=1)
-    independent = exposure(joint_ages(ages)).survival(rates)
-    common = exposure(joint_ages(ages, common_date=True)).survival([2 * RATE])
-    assert independent < common
-
-
 def test_a_common_relative_error_correlates_ages_as_its_share_of_their_variance():
     ages = joint_ages([parse_age("20000+-2000"), parse_age("20000+-2000")], common_error=0.1)
     # Each varies by 0.1 of its own and by 0.1 in common.

@@ -45,12 +45,6 @@ def first(jobs):
     return jobs.sort_values("job_id").head(SAMPLE)
 
 
-def drawn_anew(jobs, again, random):
-    ids = [f"{number:024x}" for number in random.permutation(len(jobs))]
-    jobs = jobs.assign(job_id=ids)
-    return jobs, first(again.assign(job_id=ids))
-
-
 def true_shift_percent(jobs, again):
     medians = [median(part) for part in (jobs, again)]
     return 100.0 * (medians[0] / medians[1] - 1.0)
@@ -79,7 +73,8 @@ def test_on_200_resampled_campaigns_the_stated_interval_holds_the_true_shift_in_
         campaign, finer = (
             part.loc[rows].reset_index(drop=True).assign(record_id=names) for part in (jobs, again)
         )
-        audit = compare("reference", *drawn_anew(campaign, finer, random))
+        ids = [f"{number:024x}" for number in random.permutation(len(campaign))]
+        audit = compare("reference", campaign.assign(job_id=ids), first(finer.assign(job_id=ids)))
         assert audit.jobs == SAMPLE
         held_median += audit.median_shift_percent.holds(true_shift_percent(campaign, finer))
         share = campaign["toppled"].mean() - finer["toppled"].mean()

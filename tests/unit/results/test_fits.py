@@ -40,24 +40,6 @@ def test_the_lognormal_that_made_the_answers_is_recovered(jobs):
     assert curve.beta == pytest.approx(BETA, rel=0.09)
 
 
-def test_the_two_surfaces_are_one_model_in_other_coordinates(jobs):
-    one, other = fit(jobs, ["pga_m_s2", "pgv_m_s"]), fit(jobs, ["pga_m_s2", "pgv_pga_s"])
-    # ln PGV = ln PGA + ln(PGV/PGA), so the slope on PGV moves over to PGA.
-    assert other.coefficients[1] == pytest.approx(one.coefficients[1] + one.coefficients[2], abs=1e-6)
-    np.testing.assert_allclose(one.probability(jobs), other.probability(jobs), atol=1e-8)
-
-
-def test_copies_of_the_jobs_change_neither_fit_nor_interval(jobs):
-    some = jobs[jobs["record_id"] < "R020"]
-    copied = pd.concat([some] * 4, ignore_index=True)
-    once, often = fit(some, ["pgv_m_s"]), fit(copied, ["pgv_m_s"])
-    assert often.coefficients == pytest.approx(once.coefficients, rel=1e-9)
-    intervals = [
-        lognormal_interval(bootstrap(frame, fit(frame, ["pgv_m_s"]), 30)) for frame in (some, copied)
-    ]
-    assert intervals[0] == pytest.approx(intervals[1], rel=1e-6)
-
-
 def tiny(values, toppled):
     frame = pd.DataFrame({"pgv_m_s": values, "toppled": toppled})
     return frame.assign(record_id=[f"R{number}" for number in range(len(frame))])

@@ -61,21 +61,6 @@ def survival(curves, ages, hazard):
     return Update.of_curves(rocks, tree, stood(*ages)).survival[0]
 
 
-def test_an_uncertain_age_is_averaged_over():
-    hazard = power_law()
-    rate = toppling_rate([ROCK], hazard)
-    told = survival([ROCK], ["1000..5000"], hazard)
-    exact = (math.exp(-1000 * rate) - math.exp(-5000 * rate)) / (4000 * rate)
-    assert told == pytest.approx(exact, rel=1e-5)
-
-
-def test_a_second_rock_that_is_the_same_but_never_weaker_adds_less_than_an_independent_one():
-    """Rocks feel the same events: a product of their survivals is biased low."""
-    hazard = power_law()
-    alone, together = (survival([ROCK] * count, ["3000"] * count, hazard) for count in (1, 2))
-    assert alone**2 < together < alone
-
-
 def test_a_sharp_weaker_rock_decides_alone():
     hazard = power_law()
     weak, strong = (Lognormal("pgv_m_s", x, 0.0) for x in (1.0, 2.0))

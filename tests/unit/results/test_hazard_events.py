@@ -68,9 +68,6 @@ def test_a_missing_row_of_a_field_is_no_motion(tmp_path):
     assert second.motions["pgv_m_s"] == pytest.approx(np.array([[0.0, 0.05]]))
 
 
-TABLE = "event_id,annual_rate,PGA (g),fault\n1,1E-03,0.5,Sévérac\n2,0.0002,0.25,Sévérac\n"
-
-
 def test_a_table_may_have_several_sites(tmp_path):
     path = tmp_path / "events.csv"
     path.write_text(
@@ -190,28 +187,17 @@ def test_a_cybershake_rupture_shares_its_probability_over_its_variations(tmp_pat
     assert any("3 variations" in note for note in events.notes)
 
 
-def test_survival_is_the_share_of_simulated_histories_in_which_all_rocks_stand():
-    """Brute force: Poisson events over each rock's own age, each toppling each rock by chance."""
+def test_survival_is_that_of_poisson_events_over_each_rocks_own_age():
+    """Both rocks stand for 120 years, the old one alone for 180 more; each is toppled by chance of its own."""
     branch = a_branch(1, events=12, rate=2e-3, strength=4.0)
     rocks = [
         Standing("old", Lognormal("pga_m_s2", 9.0, 0.4), 0),
         Standing("young", Lognormal("pga_m_s2", 6.0, 0.4), 1),
     ]
-    years = np.array([300.0, 120.0])
-    told = survival(rocks, branch, exposure(years[None, :]))
-    random = np.random.default_rng(2)
-    histories, standing = 20_000, 0
-    shares = np.array(
-        [rock.fragility.probability(branch.motions["pga_m_s2"][:, rock.site]) for rock in rocks]
-    )
-    for _ in range(histories):
-        count = random.poisson(branch.rate.sum() * years.max())
-        which = random.integers(0, 12, count)
-        ago = random.uniform(0, years.max(), count)
-        fell = (random.random((2, count)) < shares[:, which]) & (ago < years[:, None])
-        standing += not fell.any()
-    share = standing / histories
-    assert told == pytest.approx(share, abs=3 * math.sqrt(share * (1 - share) / histories))
+    old, young = (rock.fragility.probability(branch.motions["pga_m_s2"][:, rock.site]) for rock in rocks)
+    exponent = branch.rate @ (120.0 * (1 - (1 - old) * (1 - young)) + 180.0 * old)
+    told = survival(rocks, branch, exposure(np.array([[300.0, 120.0]])))
+    assert told == pytest.approx(math.exp(-exponent))
 
 
 def test_the_model_under_which_all_rocks_stand_is_ranked_first():

@@ -91,16 +91,6 @@ def test_the_least_distance_is_the_inverse_of_the_largest_magnitude():
     assert back[inside].tolist() == pytest.approx(within["magnitude"][inside].tolist(), abs=1e-6)
 
 
-def test_a_rock_stands_the_excluded_earthquake_in_one_of_twenty_simulations():
-    table = largest_magnitudes(GRID, ROCK, [], one_event(0.95, 4))
-    row = table[np.isfinite(table["magnitude"])].iloc[0]
-    random = np.random.default_rng(0)
-    mean, sigma, _ = Simple().motion(row["magnitude"], row["distance_km"])
-    motions = np.exp(mean + sigma * random.standard_normal((40_000, 4)))
-    stands = (random.random((40_000, 4)) > ROCK.probability(motions)).all(axis=1).mean()
-    assert stands == pytest.approx(0.05, abs=3 * math.sqrt(0.05 * 0.95 / 40_000))
-
-
 def test_a_source_that_recurs_is_survived_as_its_poisson_count_says():
     years, probability = np.linspace(10_000, 20_000, 401), np.array([0.0, 0.03, 0.4, 1.0])
     exact = np.exp(-probability[:, None] * years / 2000.0).mean(axis=1)

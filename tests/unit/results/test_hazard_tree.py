@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 from hazard_samples import LEVELS, PLACES, RATE_AT_1, WEIGHTS, branch_poes, logic_tree
-from refusals import refused
 
 from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.hazard.ages import exposure, joint_ages, parse_age
@@ -63,25 +62,16 @@ def test_survival_and_new_weights_of_branches_that_are_power_laws_have_their_clo
     np.testing.assert_allclose(after.levels, LEVELS * G, rtol=1e-5)
 
 
-def test_the_mean_curve_gives_the_weighted_rate_of_toppling(mean):
-    assert toppling_rate([ROCK], mean) == pytest.approx(WEIGHTS @ TOPPLING_RATES, rel=3e-4)
-
-
 def curve(*poes, name="branch", years=50.0):
     return curve_of(name, "pga_m_s2", np.arange(1.0, 1 + len(poes)), poes, years)
 
 
-def test_certain_and_impossible_levels_count_in_the_mean_of_probabilities():
-    tree = HazardTree(
-        "pga_m_s2", (Branch("a", 0.5, curve(1.0, 0.5, 0.1)), Branch("b", 0.5, curve(0.6, 0.2, 0.0)))
-    )
-    np.testing.assert_allclose(probability_of(statistics(tree).mean, 50.0), [0.8, 0.35, 0.05])
-
-
-def test_a_branch_without_any_event_counts_with_a_rate_of_zero():
-    tree = HazardTree("pga_m_s2", (Branch("a", 0.5, curve(0.4, 0.2)), Branch("quiet", 0.5, curve(0.0, 0.0))))
-    np.testing.assert_allclose(probability_of(statistics(tree).mean, 50.0), [0.2, 0.1])
-    assert toppling_rate([Lognormal("pga_m_s2", 1.0, 0.3)], tree.curves[1]) == 0.0
+def test_certain_and_impossible_levels_and_branches_without_any_event_count_in_the_mean_of_probabilities():
+    certain, impossible, quiet = curve(1.0, 0.5, 0.1), curve(0.6, 0.2, 0.0), curve(0.0, 0.0, 0.0)
+    branches = (Branch("a", 0.25, certain), Branch("b", 0.25, impossible), Branch("quiet", 0.5, quiet))
+    told = statistics(HazardTree("pga_m_s2", branches))
+    np.testing.assert_allclose(probability_of(told.mean, 50.0), [0.4, 0.175, 0.025])
+    assert toppling_rate([Lognormal("pga_m_s2", 1.0, 0.3)], quiet) == 0.0
 
 
 def test_branches_at_other_levels_are_interpolated_where_all_have_rates():
@@ -90,11 +80,6 @@ def test_branches_at_other_levels_are_interpolated_where_all_have_rates():
     told = statistics(HazardTree("pga_m_s2", (Branch("a", 0.4, one), Branch("b", 0.6, other))))
     assert (told.levels[0], told.levels[-1]) == pytest.approx((2 / 1.5, 8 / 1.5))
     np.testing.assert_allclose(told.mean, 1e-2 * told.levels**-2.0)
-
-
-def test_weights_that_do_not_sum_to_one_are_refused():
-    with refused("hazard.weights_sum", "0.9"):
-        HazardTree("pga_m_s2", (Branch("a", 0.5, curve(0.4, 0.2)), Branch("b", 0.4, curve(0.4, 0.2))))
 
 
 def test_fractiles_without_branches_are_told_before_and_unknown_after(folder):

@@ -52,13 +52,6 @@ def seismicity():
 
 
 @pytest.mark.parametrize("surface", SURFACES)
-def test_one_earthquake_that_recurs_has_its_closed_form(surface):
-    quake = tuple(np.array([value]) for value in (0.01, math.log(1.5), 0.6, math.log(0.2), 0.65))
-    joint = joint_rate(*of_earthquakes(*quake), SCATTER)
-    assert rate_of(surface, joint) == pytest.approx(exact_rate(surface, *quake), rel=0.01)
-
-
-@pytest.mark.parametrize("surface", SURFACES)
 def test_two_power_laws_have_their_closed_form(surface):
     k, j, s = 2.5, 3.0, SCATTER
     x, y = np.geomspace(1e-3, 1e3, 30), np.geomspace(1e-4, 1e2, 30)

@@ -6,13 +6,11 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
-import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import norm
 
-from toppling.results.analysis.lognormal import fit
 from toppling.results.hazard.curves import HazardCurve
 from toppling.results.precision import design
 from toppling.results.precision.design import FIRST_ROUND, Rounds, Target, Verdict, choose, estimate
@@ -35,15 +33,6 @@ def bench(monkeypatch):
     import precision
 
     return precision
-
-
-def test_of_many_jobs_the_curve_is_that_of_maximum_likelihood():
-    answers = independent(4000)
-    toppled, record = answers.toppled > 0.5, answers.record
-    frame = pd.DataFrame({"pgv_m_s": np.exp(answers.log_x), "toppled": toppled, "record_id": record})
-    known, curve = fit(frame, ["pgv_m_s"]).lognormal, fit_curve(answers)
-    assert curve.median == pytest.approx(known.median, rel=1e-3)
-    assert curve.beta == pytest.approx(known.beta, rel=5e-3)
 
 
 def test_the_curve_maximises_likelihood_times_jeffreys_prior():
@@ -115,13 +104,6 @@ def test_a_probability_is_stated_to_a_precision_in_its_own_unit():
     told = estimate(fit_curve(independent(400)), target, 400)
     assert told.precision == pytest.approx(0.5 * (told.high - told.low))
     assert 0.0 < told.low < told.value < told.high < 1.0
-
-
-def test_copies_of_records_in_their_earthquake_leave_the_interval_as_it_was():
-    once = independent(60)
-    four = Answers(*(np.tile(part, 4) for part in (once.log_x, once.toppled, once.record, once.weight)))
-    halves = [estimate(fit_curve(answers), Target(), 60).precision for answers in (once, four)]
-    assert halves[1] == pytest.approx(halves[0], rel=0.1)
 
 
 def test_records_and_cells_come_once_before_any_comes_again_and_no_job_twice(bench):

@@ -46,28 +46,6 @@ def test_a_run_that_goes_on_shows_each_job_once(run_folder):
     assert run.sql("select count(*) n from results").to_pylist() == [{"n": 7}]
 
 
-@pytest.fixture
-def merge(run_folder, monkeypatch):
-    """Merge the parts for real where a run's end may fall: once, around a step of the reading."""
-
-    def around(module, name, *, before=False):
-        step = getattr(module, name)
-
-        def merging(*arguments):
-            monkeypatch.setattr(module, name, step)  # before it merges, which takes the same steps
-            if before:
-                compact(run_folder)
-                return step(*arguments)
-            answer = step(*arguments)
-            compact(run_folder)
-            return answer
-
-        monkeypatch.setattr(module, name, merging)
-
-    write_part(run_folder, [row("late")])
-    return around
-
-
 READERS = {
     "sql": (toppling.results.reader, lambda run: run.sql("select count(*) n from results")["n"][0].as_py()),
     "table": (toppling.results.reader, lambda run: len(run.table())),
@@ -75,27 +53,35 @@ READERS = {
 }
 
 
-@pytest.fixture(params=READERS)
-def reader(request, run_folder):
+@pytest.mark.parametrize(
+    ("reader", "module", "step", "before"),
+    [
+        *((name, module, "result_files", False) for name, (module, _) in READERS.items()),
+        *((name, toppling.results.store, "_is_ours", True) for name in READERS),
+        ("sql", toppling.results.queries, "_connect", False),  # under a lazy query
+    ],
+)
+def test_parts_that_are_merged_around_a_step_of_a_reading_neither_stop_it_nor_are_missed(
+    run_folder, monkeypatch, reader, module, step, before
+):
+    """Merged for real, once, where a run's end may fall."""
     described = {"schema_version": SCHEMA_VERSION, "jobs": 7, "sessions": []}
     (run_folder / "run.json").write_text(json.dumps(described))
-    return READERS[request.param]
+    write_part(run_folder, [row("late")])
+    taken = getattr(module, step)
 
+    def merging(*arguments):
+        monkeypatch.setattr(module, step, taken)  # before it merges, which takes the same steps
+        if before:
+            compact(run_folder)
+            return taken(*arguments)
+        answer = taken(*arguments)
+        compact(run_folder)
+        return answer
 
-def test_parts_that_are_merged_once_they_are_listed_do_not_stop_a_reader(run_folder, merge, reader):
-    module, count = reader
-    merge(module, "result_files")
-    assert count(open_run(run_folder)) == 7
-
-
-def test_parts_that_are_merged_before_they_are_looked_at_are_not_missed(run_folder, merge, reader):
-    merge(toppling.results.store, "_is_ours", before=True)
-    assert reader[1](open_run(run_folder)) == 7
-
-
-def test_parts_that_are_merged_under_a_lazy_query_do_not_stop_it(run_folder, merge):
-    merge(toppling.results.queries, "_connect")
-    assert READERS["sql"][1](open_run(run_folder)) == 7
+    monkeypatch.setattr(module, step, merging)
+    assert READERS[reader][1](open_run(run_folder)) == 7
+    assert getattr(module, step) is taken, "nothing was merged"
 
 
 def test_a_reading_that_fails_by_itself_is_not_tried_again(run_folder):

@@ -6,17 +6,12 @@ import shutil
 import pandas as pd
 import pytest
 from click.testing import CliRunner
-from reference.idealised import ricker
 from refusals import refused
 from seeded import THETA_M_S, row, rows
+from small_campaigns import planned_in
 
 from toppling.models.files.digest import write_json
-from toppling.models.motions.ensemble import Ensemble
-from toppling.models.motions.record import Record
-from toppling.models.scene import Scene
-from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cli import cli
-from toppling.orchestrator.plan import plan
 from toppling.orchestrator.run_folder import prepare
 from toppling.orchestrator.status import state_of
 from toppling.results.analysis.exchange import read_curves
@@ -97,12 +92,8 @@ REMARK = "9 of 36 jobs have not run"
 def unfinished(tmp_path_factory):
     """A run of 12 records at three levels, of which three records have not run."""
     folder = tmp_path_factory.mktemp("unfinished")
-    Scene.block(0.15, 0.2, 0.6).save(folder / "scene")
-    pulses = [Record.of(f"R{n:03d}", ricker(2.0, 0.5 + 0.02 * n, 0.01)) for n in range(12)]
-    Ensemble.write(folder / "ensemble", pulses)
     axes = {"pga_m_s2": list(LEVELS), "azimuth_deg": [0], "friction": [1.0]}
-    campaign = Campaign.of({"scene": "scene", "ensemble": "ensemble", **axes}, folder)
-    planned = plan(campaign, Scene.load(campaign.scene), Ensemble.load(campaign.ensemble))
+    planned = planned_in(folder, [0.5 + 0.02 * n for n in range(12)], name="R{:03d}", **axes)
     prepare(folder / "run", planned, {})
     specs = {(spec.record_id, spec.pga_m_s2): spec for spec in map(planned.spec, range(len(planned)))}
     told = []

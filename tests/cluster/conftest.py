@@ -9,11 +9,10 @@ from pathlib import Path
 
 import pytest
 from answers import sorted_answers
-from reference.idealised import ricker
+from small_campaigns import campaign_in
 
 import toppling
 from toppling.models.motions.ensemble import Ensemble
-from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cluster import local
@@ -26,14 +25,6 @@ from toppling.workers.job import Assets, run_job
 
 FAULTS_VARIABLE = "TOPPLING_TEST_FAULTS"
 STILLBORN_VARIABLE = "TOPPLING_TEST_STILLBORN"
-CAMPAIGN = """\
-scene = "scene"
-ensemble = "ensemble"
-pga_m_s2 = [2, 4, 6, 8]
-azimuth_deg = [0, 90, 200]
-friction = [0.9, 0.7]
-preset = "fast"
-"""
 
 
 def can_mount():
@@ -46,10 +37,8 @@ def can_mount():
 def inputs(tmp_path_factory):
     """Folder with campaign.toml, scene and ensemble: 72 jobs of some hundredths of a second."""
     folder = tmp_path_factory.mktemp("inputs")
-    Scene.block(0.15, 0.2, 0.6).save(folder / "scene")
-    pulses = [Record.of(f"P{n}", ricker(2.0, 0.6 + 0.4 * n, 0.01), event=f"event {n}") for n in range(3)]
-    Ensemble.write(folder / "ensemble", pulses)
-    (folder / "campaign.toml").write_text(CAMPAIGN)
+    axes = {"pga_m_s2": [2, 4, 6, 8], "azimuth_deg": [0, 90, 200], "friction": [0.9, 0.7], "preset": "fast"}
+    campaign_in(folder, (0.6, 1.0, 1.4), **axes)
     return folder
 
 

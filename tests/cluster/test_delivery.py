@@ -105,46 +105,33 @@ def host_folders():
 
 @hides_files
 @pytest.mark.thorough
-def test_workers_that_see_none_of_the_clients_disk_give_the_same_rows(
-    scheduler, campaign, inputs, undisturbed, tmp_path, host_folders
-):
-    hosts = [cache_of_a_host(host_folders / name) for name in ("first", "second")]
-    hidden = [inputs, tmp_path]
-    with contextlib.ExitStack() as stack:
-        for cache in (*hosts, hosts[0]):  # three workers on two hosts
-            stack.enter_context(worker(scheduler, hidden, cache))
-        progress = run(plan_of(campaign), tmp_path / "run", existing(str(scheduler)), lambda progress: None)
-    assert progress.deaths == 0
-    assert answers_of(tmp_path / "run") == undisturbed
-    for cache in hosts:
-        kept = {place.name for place in (cache / "delivered").iterdir() if place.is_dir()}
-        assert kept == {Scene.load(campaign.scene).id, Ensemble.load(campaign.ensemble).id}
-
-
-@hides_files
-@pytest.mark.thorough
-def test_a_run_goes_on_with_a_scheduler_that_is_killed_and_started_again_at_its_address(
+def test_workers_that_see_none_of_the_clients_disk_go_on_with_a_scheduler_that_is_started_again_at_its_address(
     campaign, inputs, undisturbed, tmp_path, host_folders
 ):
-    cache = cache_of_a_host(host_folders / "host")
+    hosts = [cache_of_a_host(host_folders / name) for name in ("first", "second")]
     first, second = tmp_path / "first.json", tmp_path / "second.json"
     with contextlib.ExitStack() as stack:
         lost = stack.enter_context(running_scheduler(first))
         port = int(json.loads(first.read_text())["address"].rpartition(":")[2])
-        workers = [stack.enter_context(worker(first, [inputs, tmp_path], cache)) for _ in range(2)]
+        hidden, three = [inputs, tmp_path], (*hosts, hosts[0])
+        workers = [stack.enter_context(worker(first, hidden, cache)) for cache in three]
 
         def watch(progress):
             if progress.done and lost.poll() is None:
                 lost.kill()
                 lost.wait(PATIENCE_S)
-                shutil.rmtree(cache / "delivered")  # all has to be offered once more
+                for cache in hosts:
+                    shutil.rmtree(cache / "delivered")  # all has to be offered once more
                 stack.enter_context(running_scheduler(second, port))
 
         progress = run(plan_of(campaign), tmp_path / "run", existing(f"tcp://127.0.0.1:{port}"), watch)
         assert lost.poll() is not None
-        assert [each.poll() for each in workers] == [None, None]  # they came back by themselves
+        assert [each.poll() for each in workers] == [None] * 3  # they came back by themselves
     assert (progress.deaths, progress.failed) == (0, 0)
     assert answers_of(tmp_path / "run") == undisturbed
+    for cache in hosts:
+        kept = {place.name for place in (cache / "delivered").iterdir() if place.is_dir()}
+        assert kept == {Scene.load(campaign.scene).id, Ensemble.load(campaign.ensemble).id}
 
 
 BLOCKING = """\

@@ -62,15 +62,14 @@ class Joining:
                 os.killpg(worker.pid, signal.SIGKILL)
 
 
-def carry_out_while_they_come_and_go(campaign, folder, client, joining, leaves, faults):
-    """Run a campaign; at random moments a worker leaves and another joins. Returns the tally.
+@pytest.mark.thorough
+def test_workers_told_to_leave_cost_no_try_and_no_row(scheduler, campaign, undisturbed, faults, tmp_path):
+    """At random moments one leaves and another joins, until four have left.
 
-    Jobs wait longer while a smaller share has left than is done, on a machine where workers start slowly; once so many
-    have left, they wait no more.
+    Jobs wait longer while a smaller share has left than is done, on a machine where workers start slowly.
     """
-    chance = random.Random(7)
-    ended = threading.Event()
-    left, done = 0, 0.0
+    chance, ended = random.Random(7), threading.Event()
+    leaves, left, done = 4, 0, 0.0
 
     def watch(progress):
         nonlocal done
@@ -79,7 +78,7 @@ def carry_out_while_they_come_and_go(campaign, folder, client, joining, leaves, 
     def come_and_go():
         nonlocal left
         while left < leaves and not ended.wait(chance.uniform(0.1, 0.6)):
-            if len(client.nthreads()) >= 2:
+            if len(scheduler.nthreads()) >= 2:
                 joining.leave(joining.here[0], whole_node=chance.random() < 0.5)
                 left += 1
             while len(joining.here) < 3:
@@ -87,27 +86,19 @@ def carry_out_while_they_come_and_go(campaign, folder, client, joining, leaves, 
             faults.set(every=1.0 if left >= done * leaves else 10.0)
         faults.clear()
 
-    for _ in range(3):
-        joining.join()
-    client.wait_for_workers(2, timeout=PATIENCE_S)
-    thread = threading.Thread(target=come_and_go)
-    thread.start()
-    try:
-        return run(plan_of(campaign), folder, contextlib.nullcontext(client), watch), left
-    finally:
-        ended.set()
-        thread.join(PATIENCE_S)
-
-
-@pytest.mark.thorough
-def test_workers_told_to_leave_cost_no_try_and_no_row(scheduler, campaign, undisturbed, faults, tmp_path):
     faults.set(every=1.0)
+    thread = threading.Thread(target=come_and_go)
     with Joining(scheduler.scheduler.address, tmp_path) as joining:
-        progress, left = carry_out_while_they_come_and_go(
-            campaign, tmp_path / "run", scheduler, joining, 4, faults
-        )
-    assert left == 4
-    assert progress.deaths == 0
+        for _ in range(3):
+            joining.join()
+        scheduler.wait_for_workers(2, timeout=PATIENCE_S)
+        thread.start()
+        try:
+            progress = run(plan_of(campaign), tmp_path / "run", contextlib.nullcontext(scheduler), watch)
+        finally:
+            ended.set()
+            thread.join(PATIENCE_S)
+    assert (left, progress.deaths) == (leaves, 0)
     assert answers_of(tmp_path / "run") == undisturbed
 
 

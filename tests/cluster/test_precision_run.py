@@ -1,20 +1,15 @@
 """On real workers: a run that ends with a statement does the jobs that one process would, however it went."""
 
-import os
-import signal
-import threading
 from contextlib import nullcontext
 
 import numpy as np
 import pytest
 from answers import sorted_answers
-from reference.idealised import ricker
+from small_campaigns import campaign_in
 
 from toppling.models.motions.ensemble import Ensemble
-from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
-from toppling.orchestrator.campaign import Campaign
-from toppling.orchestrator.plan import plan, plan_of
+from toppling.orchestrator.plan import plan_of
 from toppling.orchestrator.run import run
 from toppling.orchestrator.status import state_of
 from toppling.results.precision.design import statements_of
@@ -25,10 +20,6 @@ pytestmark = pytest.mark.thorough
 PRECISION = 0.15
 
 
-class StoppedError(Exception):
-    """As Ctrl-C would."""
-
-
 def silent(progress):
     """Watch nothing."""
 
@@ -36,7 +27,7 @@ def silent(progress):
 def stop_after(jobs):
     def watch(progress):
         if progress.done > jobs:
-            raise StoppedError
+            raise KeyboardInterrupt
 
     return watch
 
@@ -44,23 +35,16 @@ def stop_after(jobs):
 @pytest.fixture(scope="module")
 def asking(tmp_path_factory):
     """A campaign of 1,440 jobs of some hundredths of a second, few of which a statement needs."""
-    folder = tmp_path_factory.mktemp("asking")
-    Scene.block(0.15, 0.2, 0.6).save(folder / "scene")
-    widths = np.geomspace(0.4, 1.6, 20)
-    Ensemble.write(
-        folder / "ensemble", [Record.of(f"P{n:02d}", ricker(2.0, s, 0.01)) for n, s in enumerate(widths)]
-    )
-    content = {
-        "scene": "scene", "ensemble": "ensemble", "pga_m_s2": {"start": 1, "stop": 9.5, "step": 0.5},
-        "azimuth_deg": [0, 90, 180, 200], "friction": [0.9], "preset": "fast", "audit": 0,
-        "precision": PRECISION,
+    axes = {
+        "pga_m_s2": [1 + 0.5 * n for n in range(18)], "azimuth_deg": [0, 90, 180, 200], "preset": "fast",
+        "audit": 0, "precision": PRECISION,
     }  # fmt: skip
-    return Campaign.of(content, folder)
+    return campaign_in(tmp_path_factory.mktemp("asking"), np.geomspace(0.4, 1.6, 20), name="P{:02d}", **axes)
 
 
 @pytest.fixture(scope="module")
 def planned(asking):
-    return plan(asking, Scene.load(asking.scene), Ensemble.load(asking.ensemble))
+    return plan_of(asking)
 
 
 @pytest.fixture(scope="module")
@@ -90,23 +74,13 @@ def test_the_run_ends_with_a_statement_from_few_of_its_jobs_each_as_one_process_
     assert sorted_answers([run_job(planned.spec(places[row["job_id"]]), assets) for row in some]) == some
 
 
-def test_a_run_that_is_stopped_and_whose_workers_die_goes_on_to_the_same_rows(
-    asking, client, whole, tmp_path, faults
-):
+def test_a_run_that_is_stopped_goes_on_to_the_same_rows(asking, client, whole, tmp_path, faults):
     folder = tmp_path / "run"
     faults.set(every=0.05)
     for jobs in (10, 15):
-        with pytest.raises(StoppedError):
+        with pytest.raises(KeyboardInterrupt):
             run(plan_of(asking), folder, nullcontext(client), stop_after(jobs))
     assert state_of(folder)["state"] == "interrupted"
-    killed = []
-
-    def kill(progress):
-        if not killed and progress.done >= 3:
-            killed.append(next(iter(client.run(os.getpid, on_error="ignore").values())))
-            threading.Timer(0.3, os.kill, (killed[0], signal.SIGKILL)).start()
-
-    run(plan_of(asking), folder, nullcontext(client), kill)
-    assert killed
+    run(plan_of(asking), folder, nullcontext(client), silent)
     assert sorted_answers(open_run(folder).table()) == sorted_answers(open_run(whole).table())
     assert statements_of(folder) == statements_of(whole)

@@ -9,6 +9,7 @@ import pytest
 from click.testing import CliRunner
 from reference.idealised import ricker
 from refusals import flip, refused
+from small_campaigns import campaign_in
 
 from toppling import run
 from toppling.models.errors import InputError
@@ -27,16 +28,6 @@ from toppling.results.store import write_part
 from toppling.results.weights import WEIGHTS_FILE
 from toppling.workers.job import Assets, run_job
 
-CAMPAIGN = """\
-scene = "scene"
-ensemble = "ensemble"
-pga_m_s2 = [0.8, 1.2, 1.6, 2, 2.5, 3, 4, 6, 8]
-azimuth_deg = [0]
-friction = [0.9]
-realisations = 3
-preset = "draft"
-audit = 0
-"""
 WEIGHTS = pytest.approx([17.0 / 9.0, 1.0 / 9.0])
 """Of a base on which the rock always stood, and one on which it never did."""
 
@@ -56,25 +47,24 @@ def folder(tmp_path_factory):
     half_m = (0.15, 0.06)
     feet = [np.array([[x, y, 0.0] for x in (-w, w) for y in (-0.2, 0.2)]) for w in half_m]
     bases = UnseenBase(0.05, tuple(BaseDraw(each) for each in feet))
-    replace(Scene.block(0.15, 0.2, 0.6), unseen=bases).save(place / "scene")
+    axes = {"azimuth_deg": [0], "realisations": 3, "preset": "draft", "audit": 0}
+    levels = [0.8, 1.2, 1.6, 2, 2.5, 3, 4, 6, 8]
+    scene = replace(Scene.block(0.15, 0.2, 0.6), unseen=bases)
+    campaign_in(place, [0.5 + 0.2 * n for n in range(5)], scene, pga_m_s2=levels, **axes)
     Scene.block(0.15, 0.2, 0.6).save(place / "bare")
-    Ensemble.write(
-        place / "ensemble", [Record.of(f"P{n}", ricker(2.0, 0.5 + 0.2 * n, 0.01)) for n in range(5)]
-    )
     for name, pga_m_s2, azimuths in (
         ("strong", 2.0, (0.0, 90.0)), ("weak", 0.3, (0.0, 90.0)), ("across", 2.0, (90.0, 180.0)),
     ):  # fmt: skip
         motion = ricker(pga_m_s2, 1.2, 90.0 if name == "across" else 0.0)
         Ensemble.write(place / name, [Record.of(name, motion, component_azimuths_deg=azimuths)])
-    (place / "plain.toml").write_text(CAMPAIGN)
-    (place / "strong.toml").write_text(f'{CAMPAIGN}stood = ["strong"]\n')
+    (place / "strong.toml").write_text((place / "campaign.toml").read_text() + 'stood = ["strong"]\n')
     return place
 
 
 @pytest.fixture(scope="module")
 def plain(folder):
     """A run whose jobs this process has done."""
-    planned = plan_of(Campaign.read(folder / "plain.toml"))
+    planned = plan_of(Campaign.read(folder / "campaign.toml"))
     prepare(folder / "run", planned, dict(versions()))
     assets = Assets(Scene.load(folder / "scene"), Ensemble.load(folder / "ensemble"))
     rows = [run_job(planned.spec(job), assets) | {"attempt": 1} for job in range(len(planned))]
@@ -150,7 +140,7 @@ def test_what_cannot_weigh_bases_is_refused_by_name_before_a_run_begins(folder, 
     if not (folder / "twin").exists():
         motion = Ensemble.load(folder / "strong").record("strong").motion
         Ensemble.write(folder / "twin", [Record.of("twin", motion, component_azimuths_deg=(0.0, 90.0))])
-    text = CAMPAIGN + 'stood = ["strong"]\n'
+    text = (folder / "strong.toml").read_text()
     text = (
         text.replace('stood = ["strong"]', f"stood = {change[1]}")
         if change[0] == "[4]"

@@ -7,6 +7,7 @@ import pytest
 from click.testing import CliRunner
 from reference import idealised
 
+import toppling
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
@@ -115,3 +116,6 @@ def test_seismograms_are_judged_as_they_are_and_beside_their_neighbours(scene, t
     )
     assert (above["outcome"], above["probability"], above["least_factor"]) == ("toppled", 1.0, 0.8)
     assert above["pga_m_s2"] == pytest.approx(3.0 * UPLIFT_M_S2, rel=1e-3)  # unscaled; sampled every 5 ms
+    checked = toppling.check(scene, [tmp_path / "motions"], neighbours=2, preset="fast")
+    assert checked.frame()["record_id"].tolist() == sorted(strengths)
+    assert [verdict.shaken for verdict in checked.verdicts] == [5, 5]

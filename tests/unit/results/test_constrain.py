@@ -151,7 +151,8 @@ def test_a_branch_is_rejected_at_the_confidence_that_is_asked_for(curves, hazard
 
 
 def test_wrong_usage_and_wrong_data_are_told_apart(curves, hazards):
-    assert constrain(curves, "--hazard", hazards[0]).exit_code == 2
+    ageless = constrain(curves, "--hazard", hazards[0])
+    assert (ageless.exit_code, "[age.needed]" in ageless.output) == (2, True)
     assert constrain(curves, "--age", "1", "--age", "2").exit_code == 2
     nowhere = ["--hazard", hazards[0], "--site", "10", "45"]
     assert constrain(curves, "--age", "1", *nowhere).exit_code == 2

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.spatial import ConvexHull
 
 from toppling.models.arrays import Array, effective_number
 from toppling.models.errors import InputError
@@ -22,7 +21,7 @@ from toppling.models.hidden_base.evidence import (
     mixed_weights,
     pulls_log_likelihood,
 )
-from toppling.models.hidden_base.gap import Base, GapDraw, Underside, draw_gaps, encloses, resampled
+from toppling.models.hidden_base.gap import Base, GapDraw, Underside, beyond_m, draw_gaps, encloses, resampled
 from toppling.models.hidden_base.inspection import Inspection
 from toppling.models.hidden_base.intervals import FEW_DISTINCT
 from toppling.models.hidden_base.observed import HiddenPart, hidden_part, reliefs
@@ -299,13 +298,12 @@ def contradiction(
     part: HiddenPart, projected_com: Array, interface: Interface, inspection: Inspection
 ) -> ContradictionError:
     """Say which observation contradicts that the rock stands."""
-    can_touch = part.observed.places_m[part.observed.floor_m <= 0.0]
-    hull = ConvexHull(can_touch) if len(can_touch) > 2 else None
-    outside = float((hull.equations[:, :2] @ projected_com + hull.equations[:, 2]).max()) if hull else np.inf
+    outside = beyond_m(part.observed.places_m[part.observed.floor_m <= 0.0], projected_com)
     x, y, _ = interface.scene(np.append(projected_com, 0.0))
     if outside > 0.0:
+        far = f" {outside:.3g} m" if outside < np.inf else ""
         what = (
-            f"the line of the weight passes {outside:.3g} m beside every place where the rock may touch its pedestal "
+            f"the line of the weight passes{far} beside every place where the rock may touch its pedestal "
             f"(at {x:.2f}, {y:.2f} in the scene), since daylight or the pedestal was seen below it there"
         )
     else:

@@ -169,13 +169,16 @@ def facet_below(places_m: Array, gap_m: Array, projected_com_m: Array) -> Indice
 
 def encloses(points_m: Array, projected_com_m: Array) -> bool:
     """Whether the convex hull of points (k, 2) of the plane holds another point."""
-    if len(points_m) < 3:
-        return False
+    return beyond_m(points_m, projected_com_m) < 0.0
+
+
+def beyond_m(points_m: Array, projected_com_m: Array) -> float:
+    """How far a point lies outside the convex hull of points (k, 2); infinite where these span no area."""
     try:
-        hull = ConvexHull(points_m)
+        hull = ConvexHull(points_m).equations if len(points_m) > 2 else None
     except QhullError:
-        return False
-    return bool((hull.equations[:, :2] @ projected_com_m + hull.equations[:, 2] < 0.0).all())
+        hull = None
+    return np.inf if hull is None else float((hull[:, :2] @ projected_com_m + hull[:, 2]).max())
 
 
 def _matern(apart: Array) -> Array:

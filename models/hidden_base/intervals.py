@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from toppling.models.frames import compass_deg, quadrant_of
+from toppling.models.frames import quadrant_of
 
 FEW_DISTINCT = 10
 """Different draws below which an interval says little."""
@@ -35,7 +35,7 @@ def base_sentences(report: Mapping[str, Any]) -> list[str]:
     com = np.array(found["com_m"])
     sentences = [
         f"least constant acceleration that topples it, in {share}: {_interval(least)}, where the ground accelerates "
-        f"toward azimuth {least['azimuth_deg']:.0f}° (compass {compass_deg(least['azimuth_deg']):.0f}°); over all "
+        f"toward {quadrant_of(least['azimuth_deg'])}; over all "
         f"azimuths the interval's width is {100 * median_width(table):.0f} % of its median",
         f"contacts: {few} to {many} places touch; centre of mass within ± "
         + ", ".join(f"{0.5 * (high - low):.2g}" for low, _, high in com)
@@ -55,7 +55,7 @@ def base_sentences(report: Mapping[str, Any]) -> list[str]:
         for row in found.get("touches_at_gaps", [])
     ]
     sentences += [
-        f"warning: the pull of {row['ratio']:.3g} of the weight toward azimuth {row['azimuth_deg']:.0f}° lies outside "
+        f"warning: the pull of {row['ratio']:.3g} of the weight toward {quadrant_of(row['azimuth_deg'])} lies outside "
         f"what the drawn bases bear, {row['low']:.3g} to {row['high']:.3g}: check it, and that its azimuth is that of "
         "the force, not of the ground; if it is right the rock topples otherwise than is stated, and the interface "
         "may be another (--plane, --point)"
@@ -114,8 +114,7 @@ def _lift_off_sentences(table: list[dict[str, Any]], opening: list[dict[str, Any
     if lifts["median_m_s2"] > (1.0 - _LIFTS_EARLY) * topples["median_m_s2"]:
         return []
     return [
-        "where the ground accelerates toward azimuth "
-        f"{lifts['azimuth_deg']:.0f}° (compass {compass_deg(lifts['azimuth_deg']):.0f}°), contacts begin to open at "
+        f"where the ground accelerates toward {quadrant_of(lifts['azimuth_deg'])}, contacts begin to open at "
         f"{_interval(lifts)}: it rocks before it overturns, at {_interval(topples)}"
     ]
 

@@ -282,19 +282,21 @@ def _cut_at(
 
 
 def cut_between(
-    surfels: Surfels, edges: Indices, seeds: Flags, far: Flags, peak: int, height_m: Array | None = None
+    surfels: Surfels, edges: Indices, seeds: Flags, far: Flags, peak: int, heights_m: Array | None = None
 ) -> Candidate | None:
     """What the cheapest cut between seeds and what is far leaves around the peak; None if that is no rock."""
-    cut_off = minimum_cut(surfels, edges, seeds, far, height_m)
+    cut_off = minimum_cut(surfels, edges, seeds, far, heights_m)
     rock, share = _component_of(peak, cut_off, edges), _concave_share(surfels, edges, cut_off)
     if rock.sum() < LEAST_SURFELS or np.median(surfels.roughness[rock]) > _SURFACE_ROUGHNESS:
         return None
     points = surfels.points_m
+    height_m = float(np.ptp(points[rock, 2]))
+    if height_m < surfels.voxel_m:  # a part of a level face
+        return None
     cut = edges[rock[edges[:, 0]] != rock[edges[:, 1]]]
     loop = np.where(rock[cut[:, 0]], cut[:, 1], cut[:, 0])
     carried = not len(loop) or float(surfels.normals[loop, 2].mean()) > 0.0
     cost = float(_capacity(surfels, cut).sum() / (_OF_A_BULGE * np.sqrt(rock.sum())))
-    height_m = float(np.ptp(points[rock, 2]))
     return Candidate(height_m, points[peak], surfels, rock, share, cost, points[loop], carried)
 
 

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from toppling.models.arrays import Array, Flags, Indices
 from toppling.models.errors import InputError
-from toppling.models.frames import azimuth_deg, compass_deg, plane_axes, shifted_and_turned
+from toppling.models.frames import azimuth_deg, plane_axes, quadrant_of, shifted_and_turned
 from toppling.models.scan.surfels import Surfels
 
 Planes = Array
@@ -303,11 +303,6 @@ def middle(flat_m: Array) -> Array:
     return np.asarray(0.5 * (flat_m[:, :2].min(axis=0) + flat_m[:, :2].max(axis=0)))
 
 
-def azimuth_text(direction: Array, interface: Interface) -> str:
-    """Azimuth and compass bearing of a way (2,) along the interface's u and v, in words."""
-    return direction_text(azimuth_deg(interface.axes[:, :2] @ direction))
-
-
-def direction_text(toward_deg: float) -> str:
-    """An azimuth with its compass bearing, in words."""
-    return f"azimuth {toward_deg:.0f} (compass {float(compass_deg(toward_deg)):.0f})"
+def bearing_text(direction: Array, interface: Interface) -> str:
+    """Quadrant bearing of a way (2,) along the interface's u and v."""
+    return quadrant_of(azimuth_deg(interface.axes[:, :2] @ direction))

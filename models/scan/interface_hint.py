@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike
 from toppling.models.arrays import Array, Flags
 from toppling.models.errors import InputError, refusals
 from toppling.models.files.table import Table, places_in
-from toppling.models.frames import plane_normal, slope_of_normal
+from toppling.models.frames import plane_normal, quadrant_of, slope_of_normal
 from toppling.models.scan.hints_file import outside_cloud
-from toppling.models.scan.interface import Interface, direction_text, fit_interface
+from toppling.models.scan.interface import Interface, fit_interface
 from toppling.models.scan.surfels import Surfels
 from toppling.models.scan.text import named_columns
 
@@ -207,6 +207,6 @@ def points_text(hint: InterfaceHint, seen: Interface) -> str:
     return (
         f"the places of --point lie {heights_m.min():+.2g} to {heights_m.max():+.2g} m over "
         f"the pedestal that was seen about them, which is a plane within {seen.roughness_m:.2g} m: it was taken "
-        f"instead, and dips by {dip_deg:.1f} degrees toward {direction_text(toward_deg)}. An interface that is to be "
+        f"instead, and dips by {dip_deg:.1f} degrees toward {quadrant_of(toward_deg)}. An interface that is to be "
         "taken as it is given is said by --plane"
     )

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from toppling.models.arrays import Array, Flags, at_most
 from toppling.models.errors import InputError
-from toppling.models.frames import horizontal_unit_vector, slope_of_normal
+from toppling.models.frames import horizontal_unit_vector, quadrant_of, slope_of_normal
 from toppling.models.rock import Rock
 from toppling.models.scan import o3d
 from toppling.models.scan.candidates import LEAST_SURFELS
@@ -21,8 +21,7 @@ from toppling.models.scan.interface import (
     SECTORS,
     Interface,
     ScanWarning,
-    azimuth_text,
-    direction_text,
+    bearing_text,
     fit_interface,
     middle,
     sectors,
@@ -124,7 +123,7 @@ def check_seen_enough(observed: ObservedRock, interface: Interface, closed: Clos
     if blind_deg >= _ONE_SIDE_DEG:
         share = (
             f"one side is not enough: {share}, none of its sides over {blind_deg:.0f} degrees about "
-            f"{direction_text(toward_deg)}"
+            f"{quadrant_of(toward_deg)}"
         )
     raise InputError(
         "rock.mostly_unseen",
@@ -178,7 +177,7 @@ def _contact(observed: ObservedRock, interface: Interface) -> ScanWarning | None
         direction = places[touch, :2].mean(axis=0) - places[observed.patches, :2].mean(axis=0)
         found.append(
             f"something touches the rock {np.median(places[touch, 2]):.2g} m above the interface, toward "
-            f"{azimuth_text(direction, interface)}"
+            f"{bearing_text(direction, interface)}"
         )
     if not found:
         return None
@@ -219,7 +218,7 @@ def off_hint(observed: ObservedRock, interface: Interface, origin_m: Array) -> S
     return ScanWarning(
         "hint",
         f"below the rock the pedestal that was seen beside it lies {low_m:+.2g} to {high_m:+.2g} m over the interface "
-        f"that is given, and dips by {dip_deg:.1f} degrees toward {direction_text(toward_deg)}: one too high cuts "
+        f"that is given, and dips by {dip_deg:.1f} degrees toward {quadrant_of(toward_deg)}: one too high cuts "
         f"the rock's foot off, one too low adds to it. What was seen is --plane {x:.2f} {y:.2f} {z:.2f} {dip_deg:.1f} "
         f"{toward_deg:.0f}",
     )
@@ -281,7 +280,7 @@ def unseen_rim(observed: ObservedRock, interface: Interface, com_m: Array) -> Sc
     range_deg, toward_deg = widest_gap_deg(np.unique(sectors(places)))
     if range_deg < _UNSEEN_RIM_DEG:
         return None
-    toward = azimuth_text(horizontal_unit_vector(toward_deg)[:2], interface)
+    toward = bearing_text(horizontal_unit_vector(toward_deg)[:2], interface)
     return ScanWarning(
         "rim",
         f"the rock's rim was not seen over {range_deg:.0f} degrees about {toward}: contacts were drawn there as if the "

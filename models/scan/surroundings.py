@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from toppling.models.arrays import Array, Flags, Indices
-from toppling.models.frames import compass_deg
+from toppling.models.frames import quadrant_of
 from toppling.models.scan import o3d
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.surfels import Surfels, in_plants, scene_of_rays
@@ -71,8 +71,8 @@ class Surroundings:
     def sentence(self) -> str:
         """What is kept, in words."""
         return (
-            f"what stands beside the rock, {self.nearest_m:.2g} m from it toward azimuth {self.azimuth_deg:.0f} "
-            f"(compass {float(compass_deg(self.azimuth_deg)):.0f}) and up to {self.highest_m:.2g} m high where the "
+            f"what stands beside the rock, {self.nearest_m:.2g} m from it toward {quadrant_of(self.azimuth_deg)} "
+            f"and up to {self.highest_m:.2g} m high where the "
             f"tilting rock can reach it, is part of the ground ({len(self.faces)} triangles); crop it if it "
             "stood there for the scan only, as a tripod or a person"
         )

@@ -6,6 +6,7 @@ import pytest
 from toppling.models.hidden_base.gap import (
     BaseObservation,
     Relief,
+    beyond_m,
     draw_gaps,
     encloses,
     facet_below,
@@ -94,3 +95,9 @@ def test_the_facet_below_a_weight_is_the_one_a_table_of_three_legs_stands_on():
     gap = np.array([0.0, 0.0, 0.0, 0.1])
     assert set(facet_below(legs, gap, np.array([0.3, 0.3]))) == {0, 1, 2}
     assert facet_below(legs, gap, np.array([1.3, 0.3])) is None
+
+
+@pytest.mark.parametrize("places", [[(0, 0), (1, 1), (2, 2)], [(0, 0), (0, 0), (1, 0)], [(0, 0), (1, 0)]])
+def test_places_on_one_line_enclose_no_weight(places):
+    assert beyond_m(np.array(places, float), np.array([0.5, 0.5])) == np.inf
+    assert not encloses(np.array(places, float), np.array([0.5, 0.5]))

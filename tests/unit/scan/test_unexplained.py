@@ -10,7 +10,13 @@ from scipy.spatial import cKDTree
 
 from toppling.models.errors import InputError
 from toppling.models.scan import virtual
-from toppling.models.scan.candidates import Candidate, find_candidates, with_rivals
+from toppling.models.scan.candidates import (
+    Candidate,
+    cut_between,
+    find_candidates,
+    neighbourhood,
+    with_rivals,
+)
 from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.interface import fit_interface
 from toppling.models.scan.interface_hint import hint_of
@@ -46,7 +52,7 @@ def test_what_touches_a_rock_above_its_foot_is_one_warning_with_its_direction():
     neighbour = box((0.26, -0.3, 0.0), (0.8, 0.3, 0.6))
     found = kinds(BLOCK, together(ground(), neighbour))
     assert list(found) == ["contact"]
-    assert "toward azimuth 0 (compass 90)" in found["contact"]
+    assert "toward E" in found["contact"]
 
 
 def column(radius_at, height=1.0):
@@ -191,6 +197,15 @@ def test_of_a_stack_the_upper_thing_is_meant_that_a_level_plane_carries(half_m, 
 
 
 @pytest.mark.thorough
+def test_a_part_of_a_level_face_rises_from_nothing():
+    places = np.stack(np.meshgrid(*[np.arange(-1.0, 1.0, 0.03)] * 2, [0.0]), axis=-1).reshape(-1, 3)
+    face, away = (
+        Surfels(places, np.tile([0.0, 0.0, 1.0], (len(places), 1)), np.zeros(len(places)), 0.03),
+        np.hypot(*places[:, :2].T),
+    )
+    assert cut_between(face, neighbourhood(places, 0.03), away < 0.5, away > 0.9, int(away.argmin())) is None
+
+
 def test_of_a_stack_whose_joint_shows_from_near_by_the_user_is_asked_which_part_is_meant():
     points, wide_m = stack(0.33).points_m, 3.0 * VOXEL_M
     surfels = orient(thin(points, wide_m)[0], wide_m)

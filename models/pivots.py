@@ -22,7 +22,7 @@ from toppling.models.arrays import Array
 _APART_SHARE = 1e-4
 """Distance between contacts up to which they are one place, as a fraction of the half diagonal R."""
 
-_OPENS = 1e-4
+OPENS = 1e-4
 """Speed at which a contact may close and still count as staying, over that of a point at a distance R from the axis:
 its place is known to about a hundredth of this."""
 
@@ -112,7 +112,7 @@ def _that_open(
 ) -> tuple[Array, Array]:
     """Select the points and axes (k, 3) about which the rock can turn without closing a contact."""
     opening = (crossed(axis[:, None], arms_m - start_m[:, None]) * normals).sum(axis=2)
-    can = opening.min(axis=1, initial=0.0) >= -_OPENS * size_m
+    can = opening.min(axis=1, initial=0.0) >= -OPENS * size_m
     return start_m[can], axis[can]
 
 

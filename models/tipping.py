@@ -16,7 +16,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from toppling.models.caching import cached
-from toppling.models.compiled import Array
+from toppling.models.compiled import Array, Flags
 from toppling.models.errors import InputError
 from toppling.models.frames import horizontal_unit_vector
 from toppling.models.ground.body import GroundedBody
@@ -24,7 +24,7 @@ from toppling.models.ground.contacts import LEANING, MOST
 from toppling.models.ground.equilibrium import acceleration_from_rest, held_up_to_m_s2, shortest
 from toppling.models.ground.rolling import FIRST_KEY as FIRST_SMOOTH_KEY
 from toppling.models.ground.stepping import Grounded, contacts_at
-from toppling.models.pivots import Turn, carried_on, crossed, tips_m_s2, turn_under
+from toppling.models.pivots import OPENS, Turn, carried_on, crossed, tips_m_s2, turn_under
 from toppling.models.statics import STEEP, TOPPLED_TILT_DEG, Limits
 
 _STEP_SHARE = 0.008
@@ -161,9 +161,11 @@ class _Path:
 
     def _support(self) -> _Support:
         near = _near(self.sim, self.pose, self.travel_m)
-        touches = near["gap_m"] < self.touching_m
+        smooth, touches = near["key"] >= FIRST_SMOOTH_KEY, near["gap_m"] < self.touching_m
+        rolls = bool(touches.any() and smooth[touches].all())
+        if rolls:  # one that pressing would close carries as well
+            touches |= smooth & (near["gap_m"] < _PRESSED_SHARE * self.size_m)
         touching = near[touches]
-        rolls = len(touching) > 0 and touching["key"].min() >= FIRST_SMOOTH_KEY
         return _Support(near, near[~touches], touching, rolls, *self._held(touching, rolls))
 
     def _held(self, touching: np.ndarray, rolls: bool) -> tuple[bool, float, float]:
@@ -225,8 +227,20 @@ class _Path:
             return False
         self.turn, self.pivot_m = turn, self.pose[:3] + turn.arm_m
         turned = _turned(self.body, self.pose, at.apart, turn, self.travel_m)
-        self.pose, self.travel_m = _closed(self.body, self.sim, turned, next_m), next_m
+        closed = _closed(self.body, self.sim, turned, next_m)
+        self.pose, self.travel_m = self._with_those_that_stay(closed, at.touching, next_m), next_m
         return True
+
+    def _with_those_that_stay(self, pose: Array, touching: np.ndarray, travel_m: float) -> Array:
+        """A turned pose in which the two smooth contacts about whose line the rock has turned touch again."""
+        assert self.turn is not None
+        arms_m = touching["arm_m"] - (self.pivot_m - self.pose[:3])
+        opening = (crossed(self.turn.axis, arms_m) * touching["normal"]).sum(axis=1)
+        stays = touching["key"][(opening < OPENS * self.size_m) & (touching["key"] >= FIRST_SMOOTH_KEY)]
+        for _ in range(2 if len(stays) > 1 else 0):
+            near = _near(self.sim, pose, travel_m)
+            pose = _pressed(self.body, pose, near, np.zeros(3), np.isin(near["key"], stays))
+        return pose
 
 
 def _turn_of(moves: Array) -> Turn | None:
@@ -270,8 +284,19 @@ def _next_travel_m(near: np.ndarray, travel_m: float, size_m: float) -> float:
 
 
 def _balanced_m_s2(touching: np.ndarray, load: Array, push: Array) -> float:
-    """Acceleration under which the line of action passes a contact, seen along the level across the push."""
+    """Acceleration under which the line of action passes a contact, seen along the level across the push.
+
+    Of two contacts it passes the line through them, where that is between both.
+    """
     across, arms_m = crossed(push, load), touching["arm_m"]
+    if len(touching) == 2:
+        (start, end), line = arms_m, arms_m[1] - arms_m[0]
+        lifts = float(line @ crossed(start, push))
+        if abs(lifts) > _ROUNDING * float(line @ line):
+            held = -float(line @ crossed(start, load)) / lifts
+            aside = crossed(crossed(line, load + held * push), load + held * push)
+            if (start @ aside) * (end @ aside) < 0.0:
+                return held
     return float((-(arms_m @ crossed(load, across)) / (arms_m @ crossed(push, across))).max())
 
 
@@ -331,12 +356,16 @@ def _closed(body: GroundedBody, sim: Grounded, pose: Array, travel_m: float) -> 
     return _pressed(body, pose, near, -travel_m * normals / max(float(np.linalg.norm(normals)), 1e-9))
 
 
-def _pressed(body: GroundedBody, pose: Array, near: np.ndarray, travel_m: Array) -> Array:
-    """A pose moved along a short way (3,), changed by the least that lets no contact be deep."""
+def _pressed(
+    body: GroundedBody, pose: Array, near: np.ndarray, travel_m: Array, stays: Flags | None = None
+) -> Array:
+    """A pose moved along a short way (3,), changed by the least that lets none be deep, and none open that stays."""
     scale = np.repeat([1.0, math.sqrt(body.inertia_m2.mean())], 3)
     columns = np.hstack([near["normal"], crossed(near["arm_m"], near["normal"])]).T / scale[:, None]
-    free = np.append(travel_m, np.zeros(3))
-    twist = (free + shortest(columns, -near["gap_m"] - free @ columns)) / scale
+    free, least = np.append(travel_m, np.zeros(3)), -near["gap_m"]
+    if stays is not None:
+        columns, least = np.hstack([columns, -columns[:, stays]]), np.append(least, near["gap_m"][stays])
+    twist = (free + shortest(columns, least - free @ columns)) / scale
     return _placed(pose, twist[:3], twist[3:])
 
 

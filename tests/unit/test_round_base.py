@@ -84,6 +84,22 @@ def test_an_ellipsoid_that_is_pushed_obliquely_topples_across_its_weak_axis():
     assert oblique == pytest.approx(across / np.sin(np.radians([30.0, 60.0])), rel=0.02)
 
 
+@pytest.mark.parametrize("groove_deg", [20.0, 35.0])
+def test_a_spheroid_along_a_groove_tips_about_the_line_through_both_of_its_contacts(groove_deg):
+    """The contacts of a body of half lengths a along the groove and b across it do as one of an ellipse on a line."""
+    vertices, faces = egg((1.3, 1.0, 1.0), 1.0, 4)
+    rises, level = (
+        np.tan(np.radians(groove_deg)),
+        vertices[:, 2].mean() - 1.0 / np.cos(np.radians(groove_deg)),
+    )
+    places = [(x, y, level + abs(y) * rises) for x in (-9.0, 9.0) for y in (-6.0, 0.0, 6.0)]
+    groove = np.array(places), np.array([[0, 3, 1], [1, 3, 4], [1, 4, 2], [2, 4, 5]])
+    scene = Scene.from_mesh((vertices, faces), pedestal=groove, friction=2.0)
+    oblique_deg = [0.0, 10.0, 20.0, 190.0]
+    exact = G * (1.3 - 1.0 / 1.3) / 2.0 / np.abs(np.cos(np.radians(oblique_deg)))
+    assert [limits.tips_m_s2 for limits in scene.statics(oblique_deg)] == pytest.approx(exact, rel=3e-3)
+
+
 @pytest.mark.parametrize("sides", [12, 24, 48])
 def test_a_lying_prism_keeps_the_faces_that_it_rolls_over(sides):
     prism = cylinder(0.4, 0.5, sides).moved(Rotation.from_euler("x", 90, degrees=True).as_matrix())

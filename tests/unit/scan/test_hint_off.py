@@ -92,7 +92,7 @@ def test_places_clicked_off_a_plane_pedestal_give_way_to_it_by_much_or_little(sh
     assert seen.kind == hint.kind
     said = points_text(hint, seen.interface)
     assert f"{-0.05 * share:.2g} to {0.06 * share:+.2g} m" in said
-    assert "dips by 4.0 degrees toward azimuth 60" in said
+    assert "dips by 4.0 degrees toward N30E" in said
 
 
 def test_true_places_near_each_other_tell_less_of_the_plane_below_the_foot_than_what_was_seen():

@@ -314,7 +314,8 @@ def contradiction(
         what,
         where="standing",
         expected="a base on which the rock is at rest as it was scanned",
-        remedy="one observation is wrong: the rim is not where it seems (strays, plants; crop or clean the cloud), the "
-        "plane is another (--plane), a place of --contact is misread, it touches elsewhere too (--touch-only), the "
-        "base is of another kind (--base); or the rock is held by something else: a wedge, a second support, adhesion",
+        remedy="one observation is wrong: another thing is the rock (--near, --point), the rim is not where it seems "
+        "(strays, plants; crop or clean the cloud), the plane is another (--plane), a place of --contact is misread, it"
+        " touches elsewhere too (--touch-only), the base is of another kind (--base); or something else holds the rock,"
+        " a wall or a wedge: give the two as meshes, --rock ROCK --pedestal PEDESTAL",
     )

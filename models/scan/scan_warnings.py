@@ -30,7 +30,7 @@ from toppling.models.scan.interface import (
 from toppling.models.scan.interface_hint import OFF_PER_HEIGHT
 from toppling.models.scan.segment import ROCK
 from toppling.models.scan.surfels import scene_of_rays
-from toppling.models.scan.uncertainty import ObservedRock, outside_support_m
+from toppling.models.scan.uncertainty import ObservedRock
 
 _MOST_INVENTED = 0.6
 """Share of the surface; with more of it invented known volumes came out off by half."""
@@ -64,7 +64,7 @@ def warnings_of(
     label: NDArray[np.int8],
     origin_m: Array,
 ) -> list[ScanWarning]:
-    """Warnings of a closed rock that was seen enough and can stand.
+    """Warnings of a closed rock that was seen enough.
 
     Parameters
     ----------
@@ -78,11 +78,9 @@ def warnings_of(
     Raises
     ------
     InputError
-        If most of the surface was not seen, half of the points lie off it, or the centre of mass lies beside all
-        possible contacts.
+        If most of the surface was not seen, or half of the points lie off it.
     """
     check_seen_enough(observed, interface, closed)
-    _check_can_stand(closed.rock, interface)
     found = [
         _contact(observed, interface),
         off_hint(observed, interface, origin_m),
@@ -92,20 +90,6 @@ def warnings_of(
         unseen_rim(observed, interface, closed.rock.com_m),
     ]
     return [warning for warning in found if warning is not None]
-
-
-def _check_can_stand(rock: Rock, interface: Interface) -> None:
-    outside = outside_support_m(rock, interface)
-    if outside > 0.0:
-        raise InputError(
-            "rock.outside_support",
-            f"the centre of mass lies {outside:.3g} m outside any support the rock could have",
-            where="statics",
-            expected="a rock that stands by itself: its centre of mass above its base",
-            remedy="if it leans on a wall or neighbour, give the two as meshes, --rock ROCK --pedestal PEDESTAL; else "
-            "look for a wrong split in the cloud, and name the rock by --near X Y or where it meets its pedestal by "
-            "three places --point X,Y,Z",
-        )
 
 
 def check_seen_enough(observed: ObservedRock, interface: Interface, closed: ClosedRock) -> None:

@@ -4,12 +4,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
 
 from toppling.models.arrays import Array, Flags
 from toppling.models.errors import InputError
 from toppling.models.hidden_base.near_interface import NearInterface, SidesSeen
-from toppling.models.rock import Rock
 from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.interface import Interface, middle
 from toppling.models.scan.interface_hint import InterfaceHint
@@ -60,8 +58,6 @@ def invention_warning(scene: Scene) -> str | None:
     return f"warning: {'; '.join(sentences)}" if sentences else None
 
 
-_SUPPORT_PER_HEIGHT = 0.02
-"""Distance from the interface within which the rock could touch it."""
 _BELOW_PER_HEIGHT, _BELOW_SHARE = 0.03, 0.002
 """Depth below the interface, and the share of the rock's patches there, beyond which these are no strays."""
 
@@ -107,21 +103,6 @@ def check_above(observed: ObservedRock, interface: Interface) -> None:
         remedy="one that is sunk in the ground, or hooked to a cliff, is held by it and is not supported; if what "
         "hangs there is pedestal, crop the cloud, or say where rock and pedestal meet by --plane, --point or --outline",
     )
-
-
-def outside_support_m(rock: Rock, interface: Interface) -> float:
-    """How far the vertical through the centre of mass passes outside all that could touch the interface."""
-    over = interface.over(rock.vertices_m)
-    low = over[:, 2] < _SUPPORT_PER_HEIGHT * rock.height_m
-    places = interface.flat(rock.vertices_m)[low, :2]
-    if interface.sheet is not None:  # where plumb lines through them pierce the plane, as that of the weight
-        places = interface.projected_m(rock.vertices_m[low])
-    try:
-        hull = ConvexHull(places)
-    except (QhullError, ValueError):  # in one line, or fewer than three
-        return np.inf
-    projected = interface.projected_m(rock.com_m[None])[0]
-    return float((hull.equations[:, :2] @ projected + hull.equations[:, 2]).max())
 
 
 def slenderness(scene: Scene) -> list[dict[str, float]]:

@@ -20,7 +20,6 @@ from toppling.models.scan.ground import faceted, pedestal_surface
 from toppling.models.scan.interface import Interface, Sheet
 from toppling.models.scan.segment import ROCK, cut_over, segment
 from toppling.models.scan.survey import save_survey, survey
-from toppling.models.scan.uncertainty import outside_support_m
 from toppling.models.scene import Scene
 
 HEIGHT_M, BASE_M = 1.5, 0.7
@@ -167,13 +166,6 @@ def test_facet_with_a_tenth_of_the_points_keeps_its_say():
 @pytest.mark.thorough
 def test_flat_pedestal_stays_a_plane():
     assert carried(cloud_on(lambda x, y: 0.05 * x, resolution_per_height=0.012).points_m) is None
-
-
-def test_a_rock_that_touches_along_a_line_is_outside_its_support():
-    edge = manifold3d.Manifold.cube([1.0, 1.0, 1.0]).rotate([45.0, 0.0, 0.0]).refine(4).to_mesh64()
-    rock = Rock.from_triangles(np.array(edge.vert_properties[:, :3]), np.array(edge.tri_verts, np.int64))
-    plane = Interface.through(np.zeros(3), np.array([0.0, 0.0, 1.0]))
-    assert outside_support_m(rock, plane) == np.inf
 
 
 def tipped_in_truth_m_s2(height_at, azimuths_deg, truth_on=truth_on):

@@ -193,6 +193,12 @@ def test_a_flat_base_topples_over_its_edge(column, few_candidates):
     assert np.median(drawn.toppling_m_s2) == pytest.approx(edge, rel=0.5 * PITCH_M / RADIUS_M + 0.02)
 
 
+def test_a_rock_whose_weight_passes_beside_all_its_possible_contacts_is_refused(column, few_candidates):
+    observed, rock, base = column
+    with refused("base.contradicted"):
+        drawn_with((observed, rock.moved(np.eye(3), np.array([1.3 * RADIUS_M, 0.0, 0.0])), base))
+
+
 @pytest.mark.thorough
 @pytest.mark.parametrize("kind", ["rough", "rounded"])
 def test_draws_are_of_the_kind_that_is_said(column, few_candidates, kind):

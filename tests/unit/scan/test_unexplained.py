@@ -108,15 +108,6 @@ def test_patches_are_as_wide_as_the_points_of_a_sparse_cloud_lie_apart():
     assert np.median(apart_m) < 1.5 * surfels.voxel_m
 
 
-def test_a_rock_whose_weight_lies_beside_its_base_is_refused():
-    turned = CUBE.moved(np.array([[0.8, 0.0, 0.6], [0.0, 1.0, 0.0], [-0.6, 0.0, 0.8]]))
-    lifted = turned.moved(np.eye(3), np.array([0.0, 0.0, -turned.vertices_m[:, 2].min()]))
-    observed = seen_of(BLOCK, ground())
-    with refused("rock.outside_support"):
-        closed = ClosedRock(lifted, 1.0, 0.0, 0.0, 0.0)
-        warnings_of(observed, LEVEL, closed, lifted.vertices_m, np.zeros(8), np.zeros(3))
-
-
 def test_a_rock_of_which_a_side_hangs_below_its_interface_is_refused():
     check_above(seen_of(BLOCK, ground()), LEVEL)
     hanging = together(BLOCK, box((0.25, -0.25, -0.3), (0.6, 0.25, 0.9)))

@@ -72,10 +72,12 @@ def choose(candidates: list[Candidate], near_m: Array | None, origin_m: Array, c
 
 
 def _three_of(loop_m: Array) -> Array:
-    """Three places (3, 3) of a loop (k, 3), a third of a turn apart."""
-    offset = loop_m[:, :2] - loop_m[:, :2].mean(axis=0)
+    """Three places (3, 3) on the plane through a loop (k, 3), next to it, a third of a turn apart."""
+    plane = fitted_plane(loop_m)
+    offset = loop_m[:, :2] - plane.point_m[:2]
     turn = np.arctan2(offset[:, 1], offset[:, 0])
-    return loop_m[[np.abs(np.angle(np.exp(1j * (turn - way)))).argmin() for way in np.deg2rad([0, 120, 240])]]
+    on_plane = loop_m - np.outer((loop_m - plane.point_m) @ plane.normal, plane.normal)
+    return on_plane[[np.abs(np.angle(np.exp(1j * (turn - way)))).argmin() for way in np.deg2rad([0, 120, 240])]]
 
 
 def _nothing_stands(coarse: Surfels, origin_m: Array) -> InputError:

@@ -1,6 +1,7 @@
 """What a scan leaves unexplained is one warning with what was seen; only what statics rules out is refused."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -202,6 +203,16 @@ def test_of_a_stack_whose_joint_shows_from_near_by_the_user_is_asked_which_part_
     surfels = orient(thin(points, wide_m)[0], wide_m)
     with refused("scan.several_creases", "1.67 m high above --point", "1.19 m high above --point"):
         choose(find_candidates(points, surfels)[:1], None, np.zeros(3), surfels)
+
+
+def test_the_places_of_a_crease_that_are_offered_lie_on_the_plane_through_all_of_it():
+    surfels, turn = stack(0.33), np.arange(0.0, 2.0 * np.pi, 0.1)
+    loop = np.column_stack([np.cos(turn), np.sin(turn), 0.2 * (np.abs(turn - np.deg2rad(120.0)) < 0.05)])
+    thing = Candidate(1.0, np.zeros(3), surfels, surfels.points_m[:, 2] > 0.0, 0.5, 1.0, loop, True)
+    with refused("scan.several_creases") as error:
+        choose([dataclasses.replace(thing, rivals=(thing,))], None, np.zeros(3), surfels)
+    heights = re.findall(r"--point [^,]+,[^,]+,([-.0-9]+)", error.value.what)
+    assert np.abs(np.array(heights, float)).max() < 0.02
 
 
 @pytest.mark.parametrize("sides", ["horizontal", "up"])

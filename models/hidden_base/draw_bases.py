@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -35,18 +35,19 @@ from toppling.models.scan.uncertainty import ObservedRock
 
 DRAWS = 48
 """Number of draws in the scene."""
-CANDIDATES = 162
-"""Number of candidates of each kind, shared by its priors."""
-PULLED = 160
-"""Number of places among the weights of the candidates at which candidates are tested by pulls."""
-MORE_ROUNDS, ENOUGH = 3, 16.0
-"""Maximum number of further rounds of candidates where pulls leave too few effective draws, and how many suffice; where
-they are too few still, the pulls count less."""
+CANDIDATES = 324
+"""Number of candidates of each kind, of which its priors take turns."""
+ENOUGH = 16.0
+"""Effective number of draws that pulls leave at least; where they would leave fewer, they count less."""
 LEVEL = 0.9
 """Probability of the stated intervals."""
 AZIMUTHS_DEG = np.arange(0.0, 360.0, 15.0)
 MOST_M_S2 = 100.0
 """Largest acceleration that is told, twice that of any record: none topples a slab down a slope."""
+_ROUNDING = 1e-12
+"""Of a share of weights."""
+_NEVER = 0.02
+"""Weight of a candidate over the largest below which no pull is calculated for it."""
 _FITTING_SHARE = 1.0 / 3.0
 """Least share of draws over a surface whose base fits it: friction acts on contacts that three points do not have."""
 
@@ -68,9 +69,10 @@ class DrawnBases:
     effective: float = DRAWS  # draws of equal weight that say as much as those among which these were drawn
     # How likely each kind of base is by the rim, before any pull.
     kind_weights: dict[str, float] = field(default_factory=dict)
-    feet: list[Array] = field(
-        default_factory=list
-    )  # (k, 3) of each: u, v and clearance of what decides how it rocks
+    # (k, 3) of each: u, v and clearance of what decides how it rocks.
+    feet: list[Array] = field(default_factory=list)
+    # (pulls, 3): low, median and high ratio that the draws bear which agree with all but the pulls.
+    borne: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     @property
     def kinds(self) -> dict[str, int]:
@@ -132,10 +134,11 @@ def interval_of(
     if weight is None:
         low, median, high = np.quantile(draws, _levels(count or len(draws)), axis=0, method="hazen")
     else:
-        low, median, high = np.array([
-            np.quantile(draws, _levels(effective_number(row)), axis=0, weights=row, method="inverted_cdf")
-            for row in weight
-        ]).swapaxes(0, 1)  # fmt: skip
+        order = draws.argsort(axis=0)
+        share = weight[:, order].cumsum(axis=1) / weight.sum(axis=1)[:, None, None]
+        level = np.array([_levels(effective_number(row)) for row in weight]).T[:, :, None, None]
+        first = (share >= level - _ROUNDING).argmax(axis=2)
+        low, median, high = np.take_along_axis(draws, order, axis=0)[first, np.arange(draws.shape[1])]
     # What the draws do not show is joined in quadrature, on each side.
     other = 1.645 * OTHER_ERRORS_SHARE * median
     low, high = median - np.hypot(median - low, other), median + np.hypot(high - median, other)
@@ -177,12 +180,11 @@ def draw_bases(
     possible = (ROUGH, ROUNDED) if inspection.touch_only else KINDS
     asked = possible if inspection.base is None else (inspection.base,)
 
-    def candidates() -> list[Candidate]:
-        return _standing_draws(part, base, closed, interface, com_std_m, asked, random)
-
-    found, fractions, weight = _weighed(candidates, statics, inspection.pulls, not interface.is_plane, random)
+    found = _standing_draws(part, base, closed, interface, com_std_m, asked, random)
     if not found:
         raise contradiction(part, interface.projected_m(closed.com_m[None])[0], interface, inspection)
+    fractions = _fractions(found, not interface.is_plane)
+    weight, borne = _weighed(found, fractions, statics, inspection.pulls)
     selected = [found[number] for number in resampled(weight, DRAWS, random)]
     lift_off, toppling, feet = zip(*_distinct_paths(selected, statics), strict=True)
     return DrawnBases(
@@ -196,6 +198,7 @@ def draw_bases(
         min(effective_number(weight), DRAWS),
         fractions,
         list(feet),
+        borne,
     )
 
 
@@ -214,50 +217,30 @@ def _distinct_paths(selected: list[Candidate], statics: DrawStatics) -> list[tup
     return [once[id(gap), com_m.tobytes()] for gap, com_m in selected]
 
 
-def _weighed(
-    candidates: Callable[[], list[Candidate]],
-    statics: DrawStatics,
-    pulls: Pulls,
-    over_surface: bool,
-    random: np.random.Generator,
-) -> tuple[list[Candidate], dict[str, float], Array]:
-    """Draws, the share of each kind, and weights; more draws where pulls leave too few."""
-    toward = tuple((azimuth + 180.0) % 360.0 for azimuth, _ in pulls)
-
-    def borne(found: list[Candidate]) -> Array:
-        """Ratios (n, pulls) that draws bear."""
-        ratios = np.empty((len(found), len(pulls)))
-        for row, (gap, com_m) in enumerate(found if pulls else []):
-            ratios[row] = statics.path_m_s2(gap, com_m, toward)[1] / STANDARD_GRAVITY_M_S2
-        return ratios
-
-    found = candidates()
-    if not found:
-        return [], {}, np.empty(0)
+def _fractions(found: list[Candidate], over_surface: bool) -> dict[str, float]:
+    """Share of each kind of base before any pull."""
     fractions = fractions_by_evidence([gap for gap, _ in found])
     if over_surface and 0.0 < fractions.get(FLAT, 1.0) < _FITTING_SHARE:
         rest = (1.0 - _FITTING_SHARE) / (1.0 - fractions[FLAT])
         fractions = {k: _FITTING_SHARE if k == FLAT else rest * share for k, share in fractions.items()}
+    return fractions
+
+
+def _weighed(
+    found: list[Candidate], fractions: Mapping[str, float], statics: DrawStatics, pulls: Pulls
+) -> tuple[Array, Array]:
+    """Weights (n,) of candidates, and what they bear (pulls, 3) before the pulls: low, median and high ratio."""
     weight = mixed_weights([gap for gap, _ in found], fractions)
     if not pulls:
-        return found, fractions, weight
-
-    def likely(found: list[Candidate]) -> list[Candidate]:
-        """Candidates by their weights: what next to never stands as drawn needs no pull."""
-        weight = mixed_weights([gap for gap, _ in found], fractions)
-        return [found[number] for number in np.unique(resampled(weight, PULLED, random))]
-
-    found = likely(found)
-    weight, ratios = mixed_weights([gap for gap, _ in found], fractions), borne(found)
-    likelihood = pulls_log_likelihood(pulls, ratios)
-    for _ in range(MORE_ROUNDS):
-        if effective_number(weight * np.exp(likelihood)) >= ENOUGH:
-            break
-        more = likely(candidates())
-        found, ratios = found + more, np.vstack([ratios, borne(more)])
-        weight = mixed_weights([gap for gap, _ in found], fractions)
-        likelihood = pulls_log_likelihood(pulls, ratios)
-    return found, fractions, conditioned(weight, likelihood, ENOUGH)
+        return weight, np.zeros((0, 3))
+    toward = tuple((azimuth + 180.0) % 360.0 for azimuth, _ in pulls)
+    # What next to never stands as drawn needs no pull.
+    likely = np.flatnonzero(weight > _NEVER * weight.max())
+    ratios = np.array([statics.path_m_s2(*found[row], toward)[1] for row in likely]) / STANDARD_GRAVITY_M_S2
+    borne = np.array(interval_of(ratios, weight[None, likely]))[:, 0].T
+    pulled = np.zeros(len(found))
+    pulled[likely] = conditioned(weight[likely], pulls_log_likelihood(pulls, ratios), ENOUGH)
+    return pulled, borne
 
 
 def _standing_draws(
@@ -275,8 +258,7 @@ def _standing_draws(
     gaps = []
     for kind, priors in ((ROUGH, reliefs(part.width_m)), (ROUNDED, bowls(part.width_m))):
         if kind in asked:
-            centres_m = projected_com[: CANDIDATES // len(priors)]
-            gaps += draw_gaps(part.observed, centres_m, priors, random, kind)
+            gaps += draw_gaps(part.observed, projected_com[:CANDIDATES], priors, random, kind)
     if FLAT in asked:
         gaps += flat_draws(part, base, DRAWS)
     found = []

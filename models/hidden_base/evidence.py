@@ -14,7 +14,6 @@ from toppling.models.hidden_base.observed import (
     LEVEL_PER_WIDTH,
     ROUGH_LENGTH_PER_WIDTH,
     HiddenPart,
-    over_both,
 )
 from toppling.models.scan.hints_file import FLAT, KINDS, ROUGH, ROUNDED
 
@@ -48,7 +47,7 @@ _CLOSED_STDS = 2.0
 
 def bowls(width_m: float) -> list[Relief]:
     """Priors of the gap below a rounded base."""
-    return over_both(
+    return [
         Relief(
             LEVEL_PER_WIDTH * width_m,
             shape * width_m,
@@ -60,7 +59,7 @@ def bowls(width_m: float) -> list[Relief]:
             slope=_ROUNDED_SLOPE,
         )
         for shape, length, powers in _ROUNDED_PER_WIDTH
-    )
+    ]
 
 
 def flat_draws(part: HiddenPart, base: Base, count: int) -> list[GapDraw]:
@@ -75,9 +74,8 @@ def flat_draws(part: HiddenPart, base: Base, count: int) -> list[GapDraw]:
         _EDGE_LENGTH_PER_WIDTH * width_m,
         _EDGE_ROUGH_PER_WIDTH * width_m,
         ROUGH_LENGTH_PER_WIDTH * width_m,
-        over_interface=True,
     )
-    gap_m = np.maximum(base.grid.at(base.height_m, seen.places_m) + seen.mean_m(edge), seen.floor_m)
+    gap_m = np.maximum(base.grid.at(base.height_m, seen.places_m) + seen.means_m[-1], seen.floor_m)
     closed = seen.gap_m < _CLOSED_STDS * np.hypot(seen.std_m, seen.shared_m)
     gap_m[seen.known[closed]] = 0.0
     gap_m[seen.touching] = 0.0

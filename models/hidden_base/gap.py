@@ -10,6 +10,7 @@ from scipy import ndimage
 from scipy.linalg import block_diag, cho_factor, cho_solve, cholesky
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 from scipy.spatial.distance import cdist
+from scipy.special import ndtr
 
 from toppling.models.arrays import Array, Flags, Indices, at_most
 from toppling.models.hidden_base.near_interface import DRAWN, SIDE_TANGENT, NearInterface, UnseenSide
@@ -50,8 +51,6 @@ class Relief:
     bowl_powers: tuple[float, ...] = (2.0, 4.0)
     # Standard deviation of the slope of the whole base: a round rock turns until it stands.
     slope: float = 0.0
-    # Of the base's height over the interface, from which the pedestal drops at its edge, not of that over the pedestal.
-    over_interface: bool = False
 
     def covariance(self, places_m: Array) -> Array:
         """Covariance (n, n) of the gaps at places (n, 2)."""
@@ -86,11 +85,14 @@ class BaseObservation:
     beyond_m: Array | None = None
     drop_m: Array | None = None  # (n,): how far below the interface the pedestal lies; nowhere if not given
 
-    def mean_m(self, relief: Relief) -> Array:
-        """Mean (n,) of the gap under a prior."""
-        if self.drop_m is None or not relief.over_interface:
-            return np.zeros(len(self.places_m))
-        return self.drop_m
+    @property
+    def means_m(self) -> Array:
+        """Means (k, n) of the gap that are as likely as each other before the rim was seen.
+
+        Where the pedestal drops around a rock, its base may follow, or end over an edge of it.
+        """
+        level = np.zeros((1, len(self.places_m)))
+        return level if self.drop_m is None else np.vstack([level, self.drop_m])
 
     def on_base(self, number: int) -> Flags:
         """Which places (n,) lie on the base of the draws on a line of the weight."""
@@ -129,18 +131,20 @@ def draw_gaps(
 ) -> list[GapDraw]:
     """Fields on which the rock stands; fewer than asked for, down to none, where no contact can enclose its weight.
 
-    projected_com_m: (count, 2), where the line of the weight pierces the interface, for each draw of each relief.
+    projected_com_m: (count, 2), where the line of the weight pierces the interface, for each draw; priors take turns.
     kind: of which the reliefs are.
     """
     found = []
-    for relief in reliefs:
-        fields, covariance, log_likelihood = _conditioned(observed, relief, len(projected_com_m), random)
+    for turn, relief in enumerate(reliefs):
+        numbers = np.arange(turn, len(projected_com_m), len(reliefs))
+        fields, covariance, log_likelihood = _conditioned(observed, relief, len(numbers), random)
         level = max(relief.shape_m, relief.rough_m)
-        for number, (field, projected_com) in enumerate(zip(fields, projected_com_m, strict=True)):
+        for number, field, likelihood in zip(numbers.tolist(), fields, log_likelihood, strict=True):
+            projected_com = projected_com_m[number]
             stood = _stood(field, covariance, observed, projected_com, _TOUCHING_SHARE * level, number)
             if stood is not None:
                 gap, cost = stood
-                found.append(GapDraw(gap, log_likelihood - 0.5 * cost, number, kind, log_likelihood))
+                found.append(GapDraw(gap, likelihood - 0.5 * cost, number, kind, likelihood))
     return found
 
 
@@ -189,25 +193,29 @@ def _matern(apart: Array) -> Array:
 
 def _conditioned(
     observed: BaseObservation, relief: Relief, count: int, random: np.random.Generator
-) -> tuple[Array, Array, float]:
-    """Fields (count, n) that agree with what was seen, their covariance, and how likely the seen is."""
+) -> tuple[Array, Array, Array]:
+    """Fields (count, n) that agree with what was seen, their covariance, and how likely the seen is for each (count,).
+
+    With the same generator the fields differ by what is known of them alone, also by places that touch.
+    """
     prior = relief.covariance(observed.places_m)
     prior[np.diag_indices_from(prior)] += _JITTER * relief.level_m**2
-    free = cholesky(prior, lower=True) @ random.normal(size=(len(prior), count))
-    free += observed.mean_m(relief)[:, None]
+    of_field, of_errors = random.spawn(2)
+    mean = np.arange(count) % len(observed.means_m)
+    free = cholesky(prior, lower=True) @ of_field.normal(size=(len(prior), count)) + observed.means_m[mean].T
     known = np.concatenate([observed.known, observed.touching])
     target = np.concatenate([observed.gap_m, np.zeros(len(observed.touching))])
     if not len(known):
-        return free.T, prior, 0.0
+        return free.T, prior, np.zeros(count)
     touching_m = np.full(len(observed.touching), _TOUCHING_PER_SHAPE * relief.shape_m)
     errors = block_diag(_rim_errors(observed), np.diag(touching_m))
     factor = cho_factor(prior[np.ix_(known, known)] + errors @ errors.T, lower=True)
-    noise = errors @ random.normal(size=(errors.shape[1], count))
+    noise = errors @ of_errors.normal(size=(errors.shape[1], count))
     cross = prior[:, known]
     fields = free + cross @ cho_solve(factor, target[:, None] - free[known] - noise)
     covariance = prior - cross @ cho_solve(factor, cross.T)
-    likelihood = _rim_log_likelihood(observed, relief, prior[np.ix_(known, known)], touching_m)
-    return fields.T, covariance, likelihood
+    likelihood = _rim_log_likelihood(observed, observed.means_m, prior[np.ix_(known, known)], touching_m)
+    return fields.T, covariance, likelihood[mean]
 
 
 def flat_log_likelihood(observed: BaseObservation, edge: Relief) -> float:
@@ -217,21 +225,46 @@ def flat_log_likelihood(observed: BaseObservation, edge: Relief) -> float:
     """
     known = np.concatenate([observed.known, observed.touching])
     touching_m = np.full(len(observed.touching), _TOUCHING_PER_SHAPE * edge.shape_m)
-    return _rim_log_likelihood(observed, edge, edge.covariance(observed.places_m[known]), touching_m)
+    prior = edge.covariance(observed.places_m[known])
+    return float(_rim_log_likelihood(observed, observed.means_m[-1:], prior, touching_m)[0])
 
 
-def _rim_log_likelihood(observed: BaseObservation, relief: Relief, prior: Array, touching_m: Array) -> float:
-    """How likely the seen rim is given the places known to touch, by their common prior, the rim's places first.
+def foretold_gaps(observed: BaseObservation, reliefs: Sequence[Relief]) -> tuple[Array, Array]:
+    """Gap (k,) that the rim foretells where rock and pedestal are said to touch, m, and how likely it is closed (k,).
+
+    Both by the prior under which it is the likeliest to be closed.
+    """
+    rim, touching = observed.known, observed.touching
+    errors, own = _rim_errors(observed), slice(len(rim))
+    found = []
+    for relief in reliefs:
+        prior = relief.covariance(observed.places_m[np.concatenate([rim, touching])])
+        gain = cho_solve(
+            cho_factor(prior[own, own] + errors @ errors.T, lower=True), prior[own, len(rim) :]
+        ).T
+        std_m = np.sqrt(np.diag(prior)[len(rim) :] - (gain * prior[len(rim) :, own]).sum(axis=1))
+        for mean_m in observed.means_m:
+            gap_m = mean_m[touching] + gain @ (observed.gap_m - mean_m[rim])
+            found.append((gap_m, ndtr(-gap_m / std_m)))
+    gaps_m, chances = np.array(found).swapaxes(0, 1)
+    likeliest = chances.argmax(axis=0), np.arange(len(touching))
+    return gaps_m[likeliest], chances[likeliest]
+
+
+def _rim_log_likelihood(observed: BaseObservation, means_m: Array, prior: Array, touching_m: Array) -> Array:
+    """How likely the seen rim is given the places known to touch, with each of some means (k, n) of the gap.
+
+    prior: their common covariance, the rim's places first.
 
     Who looks for contacts finds them where they are: that there are some tells nothing of how likely a base is, but
     where they are tells how its rim must hang.
     """
     if not (count := len(observed.known)):
-        return 0.0
+        return np.zeros(len(means_m))
     rim = _rim_errors(observed)
     joint = prior + block_diag(rim @ rim.T, np.diag(touching_m**2))
     known = np.concatenate([observed.known, observed.touching])
-    target = np.concatenate([observed.gap_m, np.zeros(len(touching_m))]) - observed.mean_m(relief)[known]
+    target = np.concatenate([observed.gap_m, np.zeros(len(touching_m))])[:, None] - means_m[:, known].T
     together = _log_density(target, cho_factor(joint, lower=True))
     if not len(touching_m):
         return together
@@ -244,10 +277,10 @@ def _rim_errors(observed: BaseObservation) -> Array:
     return np.hstack([np.diag(observed.std_m), of_group])
 
 
-def _log_density(target: Array, factor: tuple[Array, bool]) -> float:
-    """Logarithm of a normal density without its constant, from the Cholesky factor of its covariance."""
-    fit = float(target @ cho_solve(factor, target)) + 2.0 * float(np.log(np.diag(factor[0])).sum())
-    return -0.5 * fit
+def _log_density(targets: Array, factor: tuple[Array, bool]) -> Array:
+    """Logarithms (k,) of a normal density of targets (n, k), without its constant, by its covariance's factor."""
+    fit = (targets * cho_solve(factor, targets)).sum(axis=0) + 2.0 * np.log(np.diag(factor[0])).sum()
+    return np.asarray(-0.5 * fit)
 
 
 def side_raised(gap_m: Array, observed: BaseObservation, number: int) -> Array:

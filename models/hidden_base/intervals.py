@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ FEW_DISTINCT = 10
 """Different draws below which an interval says little."""
 _LIFTS_EARLY = 0.1
 """Share of the toppling acceleration by which lift-off comes before it, so that both are stated."""
-LOOK, PULL = "look", "pull"
+PULL = "pull"
 _AS_IT_WAS = 0.05
 """Relative change of an interval's width that draws of other random numbers bring too."""
 
@@ -50,19 +50,23 @@ def base_sentences(report: Mapping[str, Any]) -> list[str]:
     if "without_inspection" in found:
         sentences.append(inspection_sentence(table, found["without_inspection"]))
     sentences += [
-        f"warning: a gap of {row['gap_m']:.2g} m was seen where place {row['place']} that is said to touch lies: the "
-        "bases touch there as said; check it"
+        f"warning: what was seen foretells a gap of {row['gap_m']:.2g} m where place {row['place']} that is said to "
+        "touch lies: the bases touch there as said; check it"
         for row in found.get("touches_at_gaps", [])
     ]
     sentences += [
         f"warning: the pull of {row['ratio']:.3g} of the weight toward {quadrant_of(row['azimuth_deg'])} lies outside "
-        f"what the drawn bases bear, {row['low']:.3g} to {row['high']:.3g}: check it, and that its azimuth is that of "
+        f"what bases that agree with the scan bear, {row['low']:.3g} to {row['high']:.3g} in "
+        f"{100 * found['level']:.0f} % of them: check it, and that its azimuth is that of "
         "the force, not of the ground; if it is right the rock topples otherwise than is stated, and the interface "
         "may be another (--plane, --point)"
         for row in found.get("pulls_beyond", [])
     ]
-    if candidates := found.get("next_observations"):
-        sentences.append(_narrowing_sentence(candidates, median_width(table)))
+    if "next_observations" in found:
+        pull, width = narrowing_pull(found)
+        after = f"{100 * width:.0f} % after {pull}" if pull else "no pull narrows it"
+        now = f"{100 * median_width(table):.0f} % of its median"
+        sentences.append(f"expected width of the interval, now {now}: {after}")
     distinct = found.get("distinct", found["draws"])
     if distinct < FEW_DISTINCT:
         sentences.append(
@@ -86,18 +90,17 @@ def volume_text(report: Mapping[str, Any], mesh_m3: float) -> str:
     return f"{median:.4g} m³ ({low:.4g} to {high:.4g} in {100 * found['level']:.0f} % of its bases)"
 
 
-def _narrowing_sentence(found: Sequence[Mapping[str, Any]], now: float) -> str:
-    """Observations in words, the one that narrows most first, against the present width."""
-    parts = []
-    for look in sorted(found, key=lambda look: look["width"]):
-        first, last = quadrant_of(look["from_deg"]), quadrant_of(look["to_deg"])
-        name = (
-            f"a pull toward {first}"
-            if look["kind"] == PULL
-            else f"seeing whether it touches between {last} and {first}"
-        )
-        parts.append(f"{100 * look['width']:.0f} % after {name}")
-    return f"expected width of the interval, now {100 * now:.0f} % of its median: {', '.join(parts)}"
+def narrowing_pull(found: Mapping[str, Any]) -> tuple[str, float]:
+    """The pull that narrows the interval most, in words, and the width that it is expected to leave; "" if none does.
+
+    found: what the draws of an unseen base say.
+    """
+    pulls = [each for each in found.get("next_observations", ()) if each["kind"] == PULL]
+    if not pulls:
+        return "", np.inf
+    best = min(pulls, key=lambda pull: pull["width"])
+    narrows = best["width"] < (1.0 - _AS_IT_WAS) * median_width(found["toppling"])
+    return (f"a pull toward {quadrant_of(best['from_deg'])}" if narrows else ""), best["width"]
 
 
 def median_width(table: list[dict[str, Any]]) -> float:

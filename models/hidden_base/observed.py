@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -47,9 +46,6 @@ _BELOW_GAPS, _BELOW_TO_GAPS, _BELOW_PER_HEIGHT = 1.2, 2.5, 0.006
 (looked for to so many gaps and twice this share of the height, this share to the sides)."""
 _STEEP = 0.7
 """Horizontal part of a side's normal from which it may go on down, as a level underside does not."""
-_STRAY, _LEAST_RIM = 0.6, 8
-"""Spacings off the plane of its neighbours from which a place of the rim is a stray, mostly of the pedestal or between
-it and the rock; left out, where so many others remain."""
 UNSEEN_STD_SHARE = 0.3
 """Spread of the gap below a rim that was not seen to its end about half of its height, over that height."""
 _FLATTEST_RAY = 0.07
@@ -97,7 +93,7 @@ class HiddenPart:
     inner: int  # so many of the places, the first ones, lie on a square grid over the hidden area
     inspection: Inspection  # in the scene's frame; its places lie at the base
     side_m: Array  # (s, 3): what was seen of the rock beside the hidden area, u, v and its clearance
-    touched_gap_m: Array  # (k,): the gap that was seen where rock and pedestal are said to touch
+    free_m: Array  # (k,): the least gap that rays left where rock and pedestal are said to touch
     pedestal: Pedestal | None = None  # its surface around the rock; None: the interface
 
     @property
@@ -141,6 +137,7 @@ def hidden_part(
     Raises InputError if a place of the inspection is none of the base, or no base is enclosed.
     """
     low, lit, height_m = near.low, near.lit, near.height_m
+    _check_on_interface(inspection, interface, height_m)
     grid, cell = under.grid, under.grid.cell_m
     width_m = cell * float(np.sqrt(under.hidden.sum()))
     if not width_m:
@@ -177,11 +174,8 @@ def hidden_part(
     )
     adjacent = near.patches[~under.may_be_hidden.ravel()[grid.index(near.patches)]]
     side = _smoothed(clearances(adjacent, interface, pedestal))
-    touched = places[touching]
-    seen_m = np.maximum(
-        least_gap[grid.index(touched)], _gap_at_rim(rim, touched, _BESIDE_PER_HEIGHT * height_m)
-    )
-    return HiddenPart(under, observed, width_m, len(inner), inspection, side, seen_m, pedestal)
+    free_m = least_gap[grid.index(places[touching])]
+    return HiddenPart(under, observed, width_m, len(inner), inspection, side, free_m, pedestal)
 
 
 def clearances(places_m: Array, interface: Interface, pedestal: Pedestal | None) -> Array:
@@ -227,24 +221,23 @@ def _seen_rim(under: Underside, low: Array, lit: Array, height_m: float) -> Rim:
     gap = rim[:, 2] + drop
     hangs = np.maximum(gap, 0.0)
     to_its_end = adjacent < _BESIDE_PER_HEIGHT * height_m + _BESIDE_PER_GAP * hangs
-    end_std, off_m, steep, stray = _errors(rim, hangs, low)
+    end_std, off_m, steep = _errors(rim, hangs, low)
     to_its_end[steep] &= _shows_below(under, rim[steep, :2], hangs[steep], shown, height_m)
     to_its_end |= ~steep  # a level underside that was seen is the underside there
     ground_std = np.sqrt((slope**2).mean()) * np.where(np.isfinite(adjacent), adjacent, 0.0)
     std = np.hypot(np.hypot(end_std, off_m), ground_std)
-    selected = ~stray if (~stray).sum() >= _LEAST_RIM else np.ones(len(rim), bool)
     shared = np.full(len(rim), np.sqrt((end_std[to_its_end] ** 2).mean()) if to_its_end.any() else 0.0)
     # A rim that was not seen to its end goes down no farther than to the interface, or from below it to the pedestal.
     goes_on = np.where(rim[:, 2] > 0.0, np.minimum(rim[:, 2], hangs), hangs)
     half_unseen = np.maximum(UNSEEN_STD_SHARE * goes_on, std)
     return Rim(
-        rim[selected, :2],
-        np.where(to_its_end, gap, gap - 0.5 * goes_on)[selected],
-        np.where(to_its_end, std, half_unseen)[selected],
-        np.where(to_its_end, shared, half_unseen)[selected],
-        to_its_end.astype(np.intp)[selected],
-        drop[selected],
-        (np.abs(drop) / np.maximum(slope, 1e-9))[selected],
+        rim[:, :2],
+        np.where(to_its_end, gap, gap - 0.5 * goes_on),
+        np.where(to_its_end, std, half_unseen),
+        np.where(to_its_end, shared, half_unseen),
+        to_its_end.astype(np.intp),
+        drop,
+        (np.abs(drop) / np.maximum(slope, 1e-9)),
     )
 
 
@@ -256,15 +249,6 @@ def _smoothed(places: Array) -> Array:
     middle = around.mean(axis=1)
     normal = np.linalg.svd(around - middle[:, None], full_matrices=False)[2][:, 2]
     return places - ((places - middle) * normal).sum(axis=1)[:, None] * normal
-
-
-def _gap_at_rim(rim: Rim, places: Array, reach_m: float) -> Array:
-    """The least gap (k,), but for its errors, that the rim shows at places (k, 2) within reach of it; 0 elsewhere."""
-    if not len(rim.gap_m) or not len(places):
-        return np.zeros(len(places))
-    away, nearest = cKDTree(rim.places_m).query(places)
-    least_m = rim.gap_m - 3.0 * np.hypot(rim.std_m, rim.shared_m)
-    return np.where(away < reach_m, np.maximum(least_m[nearest], 0.0), 0.0)
 
 
 def _drop_below(places: Array, lit: Array) -> tuple[Array, Array, Array]:
@@ -298,11 +282,10 @@ def _shows_below(under: Underside, places: Array, hangs: Array, shown: cKDTree, 
     return shows
 
 
-def _errors(rim: Array, hangs: Array, low: Array) -> tuple[Array, Array, Flags, Flags]:
+def _errors(rim: Array, hangs: Array, low: Array) -> tuple[Array, Array, Flags]:
     """Standard deviation (k,) of where the side ends below each place of a rim that hangs so high, m.
 
     Second, how far the place lies off the plane of its neighbours (k,), m. Third, where (k,) the side is steep.
-    Fourth, which (k,) are strays.
     """
     away, nearest = cKDTree(low).query(rim, _OF_SIDE)
     apart_m = rim[:, None, :2] - rim[None, :, :2]
@@ -316,8 +299,7 @@ def _errors(rim: Array, hangs: Array, low: Array) -> tuple[Array, Array, Flags, 
     of_side = _STD_PER_SPACING + (_STD_PER_SPACING_AT_CONTACT - _STD_PER_SPACING) * at_contact
     steep = steepness > _STEEP
     end_std = np.hypot(np.where(steep, of_side * steepness, 0.0), _LEAST_STD_PER_SPACING) * spacing
-    off_m = np.abs(((rim - middle) * normal).sum(axis=1))
-    return end_std, off_m, steep, off_m > _STRAY * spacing
+    return end_std, np.abs(((rim - middle) * normal).sum(axis=1)), steep
 
 
 def _outlined(under: Underside, height_m: float) -> Rim:
@@ -331,7 +313,7 @@ def _outlined(under: Underside, height_m: float) -> Rim:
     return Rim(at, none, std, std, np.ones(len(at), np.intp), none, none)
 
 
-def check_on_interface(inspection: Inspection, interface: Interface, height_m: float) -> None:
+def _check_on_interface(inspection: Inspection, interface: Interface, height_m: float) -> None:
     """Refuse a place of an inspection (scene frame) that lies off the interface by more than a share of the height."""
     over = interface.over(inspection.places_m)[:, 2]
     off = np.abs(over) > _NOT_UNDER_THE_ROCK * height_m
@@ -418,7 +400,7 @@ def _spread(places: Array, most: int) -> Indices:
 
 def reliefs(width_m: float) -> list[Relief]:
     """Priors of the gap, from nearly flat to much bulged, and of the base over the interface."""
-    return over_both(
+    return [
         Relief(
             LEVEL_PER_WIDTH * width_m,
             shape * width_m * max(1.0, length / _LONG_PER_WIDTH),
@@ -428,12 +410,4 @@ def reliefs(width_m: float) -> list[Relief]:
             _CURVATURE_PER_SHAPE * shape / width_m,
         )
         for shape, length, rough in product(_SHAPES_PER_WIDTH, _LENGTHS_PER_WIDTH, _ROUGH_PER_WIDTH)
-    )
-
-
-def over_both(priors: Iterable[Relief]) -> list[Relief]:
-    """Priors of the gap, and the same of the base's height over the interface.
-
-    Where the pedestal drops around a rock, its base may follow, or end over an edge of it: the rim tells.
-    """
-    return [replace(prior, over_interface=over) for prior in priors for over in (False, True)]
+    ]

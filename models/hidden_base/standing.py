@@ -9,7 +9,7 @@ import numpy as np
 from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
-from toppling.models.arrays import Array, Flags, Indices
+from toppling.models.arrays import Array, Indices
 from toppling.models.caching import cached
 from toppling.models.frames import STANDARD_GRAVITY_M_S2
 from toppling.models.ground.body import GroundedBody
@@ -22,11 +22,18 @@ from toppling.models.hidden_base.draw_bases import (
     interval_of,
     unseen_base,
 )
-from toppling.models.hidden_base.evidence import pulls_log_likelihood
-from toppling.models.hidden_base.gap import LEAST_GAP_PER_HEIGHT, Base, Underside, encloses, hidden_base
+from toppling.models.hidden_base.evidence import bowls, pulls_log_likelihood
+from toppling.models.hidden_base.gap import (
+    LEAST_GAP_PER_HEIGHT,
+    Base,
+    Underside,
+    encloses,
+    foretold_gaps,
+    hidden_base,
+)
 from toppling.models.hidden_base.inspection import Inspection
-from toppling.models.hidden_base.intervals import LOOK, PULL
-from toppling.models.hidden_base.observed import check_on_interface, hidden_part
+from toppling.models.hidden_base.intervals import PULL
+from toppling.models.hidden_base.observed import HiddenPart, hidden_part, reliefs
 from toppling.models.hidden_base.statics import FRICTION
 from toppling.models.hidden_base.unseen_base import BaseDraw, UnseenBase
 from toppling.models.pedestal import Pedestal
@@ -37,50 +44,27 @@ from toppling.models.scan.interface import Interface, between_nodes, lattice
 from toppling.models.scan.uncertainty import ObservedRock, spread_of
 from toppling.models.statics import equilibrium_possible
 
-_LOOKED_DEG, _EVERY_DEG = 40.0, 20.0
-"""Width of the range of directions in which one looks under a rock, and between one and the next."""
 
+def observations(drawn: DrawnBases) -> list[dict[str, Any]]:
+    """The pull that leaves the interval narrowest, by its expected width (median over azimuths and median).
 
-def observations(drawn: DrawnBases, interface: Interface) -> list[dict[str, Any]]:
-    """The look and the pull that leave the interval narrowest, by its expected width (median over azimuths and median).
-
-    Each draw in turn is taken for the truth: it gives what would be observed, and the draws are weighted by that. A
-    look tells whether rock and pedestal touch in a range of directions from the line of the weight; a pull, toward
-    where the rock is pulled, the ratio that it bears.
+    Each draw in turn is taken for the truth: it gives the ratio that would be measured, and the draws are weighted by
+    that.
 
     Returns
     -------
     list of dict
-        `kind` (`look`, `pull`), `from_deg` and `to_deg` (azimuths; of a pull the same), `width`.
+        One with `kind` (`pull`), `from_deg` and `to_deg` (both the azimuth toward which the rock is pulled), `width`.
     """
     toppling = drawn.toppling_m_s2
-    found: list[dict[str, Any]] = []
-    for column, azimuth in enumerate(AZIMUTHS_DEG):
+    widths = []
+    for column in range(len(AZIMUTHS_DEG)):
         ratios = toppling[:, [column]] / STANDARD_GRAVITY_M_S2
         weight = np.array([np.exp(pulls_log_likelihood([(0.0, max(r, 1e-3))], ratios)) for r in ratios[:, 0]])
-        toward = float((azimuth + 180.0) % 360.0)
-        width = float(_widths(toppling, weight).mean())
-        found.append({"kind": PULL, "from_deg": toward, "to_deg": toward, "width": width})
-    for first, touches in _looks(drawn, interface):
-        share = float(touches.mean())
-        width = share * _widths(toppling, touches[None].astype(float))[0] if share else 0.0
-        width += (1.0 - share) * _widths(toppling, (~touches[None]).astype(float))[0] if share < 1.0 else 0.0
-        found.append({"kind": LOOK, "from_deg": first, "to_deg": first + _LOOKED_DEG, "width": float(width)})
-    found.sort(key=lambda look: look["width"])
-    return [next(look for look in found if look["kind"] == kind) for kind in (LOOK, PULL)]
-
-
-def _looks(drawn: DrawnBases, interface: Interface) -> list[tuple[float, Flags]]:
-    """First azimuth of each range of directions, and which draws (n,) touch in it."""
-    turns = []
-    for gap, com_m in zip(drawn.gaps, drawn.com_m, strict=True):
-        flat = drawn.part.observed.places_m[gap.gap_m <= 0.0] - interface.projected_m(com_m[None])[0]
-        east, north = (flat @ interface.axes[:2, :2].T).T
-        turns.append(np.rad2deg(np.arctan2(north, east)))
-    return [
-        (float(first), np.array([(np.mod(turn - first, 360.0) < _LOOKED_DEG).any() for turn in turns]))
-        for first in np.arange(0.0, 360.0, _EVERY_DEG)
-    ]
+        widths.append(float(_widths(toppling, weight).mean()))
+    best = int(np.argmin(widths))
+    toward = float((AZIMUTHS_DEG[best] + 180.0) % 360.0)
+    return [{"kind": PULL, "from_deg": toward, "to_deg": toward, "width": widths[best]}]
 
 
 def _widths(toppling_m_s2: Array, weight: Array) -> Array:
@@ -189,14 +173,10 @@ def base_unseen(
     drawn = draw_bases(observed, interface, closed.rock, smooth, std_m, inspection, pedestal)
     report: dict[str, Any] = {"level": LEVEL} | intervals(drawn, interface)
     report["volume_m3"] = drawn.volume_interval_m3(closed.rock.volume_m3, spread["volume_std_m3"])
-    report["next_observations"] = observations(drawn, interface)
+    report["next_observations"] = observations(drawn)
     if inspection.pulls:
         report["pulls_beyond"] = pulls_beyond(drawn, inspection)
-    seen_m = drawn.part.touched_gap_m
-    report["touches_at_gaps"] = [
-        {"place": int(k) + 1, "gap_m": float(seen_m[k])}
-        for k in np.flatnonzero(seen_m > LEAST_GAP_PER_HEIGHT * observed.height_m)
-    ]
+    report["touches_at_gaps"] = touches_at_gaps(drawn.part, LEAST_GAP_PER_HEIGHT * observed.height_m)
     outlined = observed.hint is not None and observed.hint.encloses
     if outlined or not inspection.says_nothing:
         report["without_inspection"] = unaided or _unaided(
@@ -214,14 +194,27 @@ def base_unseen(
 
 
 def pulls_beyond(drawn: DrawnBases, inspection: Inspection) -> list[dict[str, float]]:
-    """Pulls outside of what the draws that agree best with them bear, in 90 %, over the weight."""
-    low, _, high = np.array(drawn.interval_m_s2()) / STANDARD_GRAVITY_M_S2
-    found = []
-    for azimuth, ratio in inspection.pulls:
-        ends = [float(np.interp(azimuth + 180.0, AZIMUTHS_DEG, bound, period=360.0)) for bound in (low, high)]
-        if not ends[0] <= ratio <= ends[1]:
-            found.append({"azimuth_deg": azimuth, "ratio": ratio, "low": ends[0], "high": ends[1]})
-    return found
+    """Pulls outside of what 90 % of the draws bear that agree with all but the pulls, over the weight."""
+    return [
+        {"azimuth_deg": azimuth, "ratio": ratio, "low": float(low), "high": float(high)}
+        for (azimuth, ratio), (low, _, high) in zip(inspection.pulls, drawn.borne, strict=True)
+        if not low <= ratio <= high
+    ]
+
+
+_CLOSED_CHANCE = 0.01
+"""Chance that a gap is closed below which a touch there contradicts what was seen."""
+
+
+def touches_at_gaps(part: HiddenPart, least_m: float) -> list[dict[str, float]]:
+    """Places said to touch where the rim foretells a gap, or rays left such a least one: number from 1, and gap, m."""
+    if not len(part.observed.touching):
+        return []
+    gaps_m, chance = foretold_gaps(part.observed, [*reliefs(part.width_m), *bowls(part.width_m)])
+    return [
+        {"place": int(k) + 1, "gap_m": float(max(gaps_m[k], part.free_m[k]))}
+        for k in np.flatnonzero((chance < _CLOSED_CHANCE) | (part.free_m > least_m))
+    ]
 
 
 def _unaided(
@@ -251,7 +244,6 @@ def check_inspection(observed: ObservedRock, interface: Interface, inspection: I
         If a place lies off the interface, or beside the hidden base.
     """
     if len(inspection.places_m):
-        check_on_interface(inspection, interface, observed.height_m)
         near = observed.near(interface)
         hidden_part(Underside.of(near, observed.hint, interface), near, inspection, interface)
 

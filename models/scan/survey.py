@@ -114,22 +114,17 @@ class CachedScan:
         """
         self.inspection.check(*self.bounds_m)
         known = self.inspection.moved(self.origin_m)
-        check_inspection(self.observed, self.interface, known)
         parts = (self.observed, self.interface, self.closed, self.pedestal)
         rock, unseen, standing = base_unseen(*parts, known, self.unaided)
-        scene = Scene(rock, self.pedestal, origin_m=self.origin_m, unseen=unseen)
         # Of the draws: the closed rock's own may lie beside the weight, which each of them encloses.
         contacts = standing["contacts"]
         outlined = {name: contacts.pop(name) for name in ("outline_m", "outlines")}
         interface = {**self.report["interface"], **outlined}
-        report = {
-            **self.report,
-            "interface": interface,
-            "slenderness": slenderness(scene),
-            "unseen_base": standing,
-        }
+        report = {**self.report, "interface": interface, "unseen_base": standing}
+        scene = Scene(rock, self.pedestal, origin_m=self.origin_m, unseen=unseen, report=report)
+        report["slenderness"] = slenderness(scene)
         unaided = standing.get("without_inspection", standing.get("toppling"))
-        return dataclasses.replace(scene, report=report), dataclasses.replace(self, unaided=unaided)
+        return scene, dataclasses.replace(self, unaided=unaided)
 
     def write(self, path: Path) -> None:
         """Write the file, with its digest."""

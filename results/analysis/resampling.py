@@ -14,8 +14,7 @@ from scipy.optimize import brentq
 from scipy.special import log_ndtr, logsumexp, ndtr, ndtri, stdtrit
 
 from toppling.models.arrays import AT_ONCE, Array, Flags, Indices, effective_number
-from toppling.models.frames import quadrant_of
-from toppling.models.hidden_base.intervals import PULL, inspection_sentence, median_width
+from toppling.models.hidden_base.intervals import inspection_sentence, narrowing_pull
 from toppling.results.analysis import CONFIDENCE, SAMPLES
 from toppling.results.analysis.lognormal import (
     LEAST_RECORDS,
@@ -132,11 +131,8 @@ def narrowed_by(parts: Mapping[str, float], scan: Mapping[str, Any]) -> str:
     if not found:
         return "The base's part is of a drawn centre of mass and friction: measuring these would narrow it."
     means = "a pull test, or touches and daylight seen along the crevice"
-    best = min(found.get("next_observations", ()), key=lambda look: look["width"], default=None)
-    if best is not None and best["width"] < median_width(found["toppling"]):
-        first, last = quadrant_of(best["to_deg"]), quadrant_of(best["from_deg"])
-        pull, touch = f"a pull toward {first}", f"seeing whether it touches between {first} and {last}"
-        means = f"{pull if best['kind'] == PULL else touch}, more than by any other single observation"
+    if pull := narrowing_pull(found)[0]:
+        means = f"{pull}, more than by one toward anywhere else"
     sentence = f"The base's part would be narrowed by {means} (toppling scan --again)."
     if "without_inspection" not in found:
         return sentence

@@ -82,12 +82,9 @@ def test_what_narrows_most_is_named_and_a_click_goes_there_and_a_false_pull_is_t
     browser, _ = page
     first = "document.querySelector('#next button')"
     named = browser.run(f"return {first}.textContent")
-    assert re.fullmatch(r"a pull toward \w+|seeing whether it touches between \w+ and \w+", named)
+    assert re.fullmatch(r"a pull toward \w+", named)
     browser.run(f"{first}.click()")
-    if named.startswith("a pull"):
-        assert browser.run("return document.getElementById('pull').azimuth.value") == named.split()[-1]
-    else:
-        assert browser.run("return document.querySelector('[aria-checked=true]').dataset.mode") == "touch"
+    assert browser.run("return document.getElementById('pull').azimuth.value") == named.split()[-1]
     said = "document.getElementById('warnings').innerText"
     assert browser.run(f"return {said}") == ""
     browser.run("""

@@ -227,18 +227,14 @@ function showAnswer(answer) {
   showNext(answer.next, width(answer.toppling));
 }
 
-// Observations by which the interval is expected to narrow, and where to say what was observed.
+// The pull by which the interval is expected to narrow most, and where to say what it bore.
 function showNext(found, now) {
-  const percent = share => Math.round(100 * share), useful = found.filter(each => percent(each.width) < percent(now));
-  at("next").hidden = !useful.length;
-  at("next").replaceChildren("What narrows it most: ", ...useful.sort((a, b) => a.width - b.width).flatMap((each, k) => {
-    const [first, last] = [each.to_deg, each.from_deg].map(azimuth => bearingOf(azimuth)), pull = each.kind === "pull";
-    const text = pull ? `a pull toward ${first}` : `seeing whether it touches between ${first} and ${last}`;
-    const act = pull ? () => { at("pull").azimuth.value = first; at("pull").ratio.focus(); } : () => { setMode("touch"); lookFrom(0.5 * (each.from_deg + each.to_deg)); };
-    return [k ? ", or " : "", make("button", text, { type: "button", onclick: act }), ` (to about ${percent(each.width)} %)`];
-  }));
+  const percent = share => Math.round(100 * share), [pull] = found.filter(each => each.kind === "pull" && percent(each.width) < percent(now));
+  at("next").hidden = !pull;
+  if (!pull) return;
+  const toward = bearingOf(pull.from_deg), act = () => { at("pull").azimuth.value = toward; at("pull").ratio.focus(); };
+  at("next").replaceChildren("What narrows it most: ", make("button", `a pull toward ${toward}`, { type: "button", onclick: act }), ` (to about ${percent(pull.width)} %)`);
 }
-const lookFrom = azimuth => stage?.frame([Math.cos(azimuth * Math.PI / 180), Math.sin(azimuth * Math.PI / 180), 0.15]);
 
 function showCandidates(list) {
   at("rivals").hidden = !list || (list.length < 2 && state.answer !== null);

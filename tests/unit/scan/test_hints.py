@@ -53,14 +53,10 @@ def column():
 
 @pytest.fixture
 def few_candidates(monkeypatch):
-    for name, number in (("CANDIDATES", 9), ("DRAWS", 12), ("MORE_ROUNDS", 2)):
+    for name, number in (("CANDIDATES", 12), ("DRAWS", 12)):
         monkeypatch.setattr(unseen, name, number)
     monkeypatch.setattr(unseen, "reliefs", lambda width_m: reliefs(width_m)[::9])
     monkeypatch.setattr(unseen, "bowls", lambda width_m: base_kinds.bowls(width_m)[:2])
-    rounds = []
-    once = unseen.flat_draws
-    monkeypatch.setattr(unseen, "flat_draws", lambda *a: rounds.append(0) or once(*a))
-    return rounds
 
 
 def drawn_with(column, *pulls, **known):
@@ -74,17 +70,6 @@ def test_a_pull_that_no_drawn_base_bears_is_told_with_what_they_bear(column, few
     (told,) = pulls_beyond(drawn_with(column, *known.pulls), known)
     assert (told["azimuth_deg"], told["ratio"]) == (30.0, 2.0)
     assert 0.0 < told["low"] < told["high"] < 1.0
-
-
-@pytest.mark.thorough
-def test_a_pull_with_which_few_bases_agree_has_more_of_them_drawn(column, few_candidates):
-    free = drawn_with(column)
-    assert len(few_candidates) == 1
-    median = np.median(free.toppling_m_s2[:, 0]) / 9.80665
-    drawn = drawn_with(column, (180.0, float(median)))
-    assert len(few_candidates) > 1 + 1
-    assert drawn.distinct > 1
-    assert np.ptp(drawn.com_interval_m()[:, [0, 2]], axis=1).min() > 0.0
 
 
 def drawn_of(toppling_m_s2, distinct=True):

@@ -10,8 +10,9 @@ from toppling.models.hidden_base import draw_bases
 from toppling.models.hidden_base.draw_bases import AZIMUTHS_DEG, DRAWS, ENOUGH, interval_of
 from toppling.models.hidden_base.evidence import conditioned, pulls_log_likelihood
 from toppling.models.hidden_base.gap import resampled
-from toppling.models.hidden_base.intervals import LOOK, PULL
-from toppling.models.hidden_base.standing import intervals, observations
+from toppling.models.hidden_base.inspection import Inspection
+from toppling.models.hidden_base.intervals import PULL, narrowing_pull
+from toppling.models.hidden_base.standing import intervals, observations, pulls_beyond
 from toppling.models.scan.interface import Interface
 
 TURNS_DEG = np.arange(0.0, 360.0, 30.0)
@@ -118,21 +119,38 @@ def width(toppling):
     return np.median((high - low) / median)
 
 
-def test_where_the_draws_differ_by_one_contact_a_look_there_or_a_pull_toward_there_tells_them_apart():
+def named(drawn):
+    """The pull that is offered, as a scene reports it, and its words."""
+    low, median, high = interval_of(drawn.toppling_m_s2)
+    table = [
+        dict(zip(("low_m_s2", "median_m_s2", "high_m_s2"), row, strict=True))
+        for row in np.column_stack([low, median, high])
+    ]
+    (pull,) = found = observations(drawn)
+    return pull, narrowing_pull({"next_observations": found, "toppling": table})[0]
+
+
+def test_where_the_draws_differ_by_one_contact_a_pull_toward_there_tells_them_apart():
     far = np.arange(40) % 2 == 0
-    look, pull = observations(drawn(far), LEVEL)
-    assert (look["kind"], pull["kind"]) == (LOOK, PULL)
-    assert look["from_deg"] < np.rad2deg(np.arctan2(0.1, 0.5)) < look["to_deg"]
+    pull, words = named(drawn(far))
+    assert pull["kind"] == PULL
+    assert words.startswith("a pull toward")
     assert abs((pull["from_deg"] + 180.0) % 360.0 - 180.0) <= 120.0
-    alike = width(drawn(far[far]).toppling_m_s2)
-    assert look["width"] == pytest.approx(alike)
-    assert pull["width"] == pytest.approx(alike, rel=0.05)
+    assert pull["width"] == pytest.approx(width(drawn(far[far]).toppling_m_s2), rel=0.05)
 
 
-def test_where_all_draws_are_alike_nothing_narrows():
+def test_where_all_draws_are_alike_no_pull_narrows_and_none_is_named():
     alike = drawn(np.ones(12, bool))
-    found = observations(alike, LEVEL)
-    assert [each["width"] for each in found] == pytest.approx([width(alike.toppling_m_s2)] * 2)
+    pull, words = named(alike)
+    assert pull["width"] == pytest.approx(width(alike.toppling_m_s2))
+    assert words == ""
+
+
+def test_a_pull_is_held_against_what_draws_bore_before_it_though_they_agree_with_it_after():
+    pulls = Inspection(pulls=((30.0, 0.2), (90.0, 0.5)))
+    borne = np.array([[0.1, 0.2, 0.3], [0.1, 0.2, 0.3]])
+    (told,) = pulls_beyond(SimpleNamespace(borne=borne), pulls)
+    assert (told["azimuth_deg"], told["low"], told["high"]) == (90.0, 0.1, 0.3)
 
 
 def test_outlines_hold_the_places_that_a_share_of_the_draws_contacts_enclose():

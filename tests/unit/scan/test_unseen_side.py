@@ -108,7 +108,7 @@ def test_draws_touch_up_to_their_own_rim_and_rise_beyond_it():
         np.zeros(0, int), beyond,
     )  # fmt: skip
     weight = np.tile([-0.4, 0.0], (8, 1))
-    drawn = draw_gaps(observed, weight, [Relief(0.1, 0.02, 0.7, 0.002, 0.1)], np.random.default_rng(1))
+    drawn = draw_gaps(observed, weight, [Relief(0.1, 0.02, 0.7, 0.002, 0.1)], np.random.default_rng(2))
     assert len(drawn) == 8
     for gap in drawn:
         own = beyond[gap.number % 2]

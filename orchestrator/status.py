@@ -8,6 +8,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from toppling.models.errors import InputError
 from toppling.models.files.documents import MOST_SHOWN
 from toppling.models.files.stores import writer_of
 from toppling.orchestrator.journal import last
@@ -19,7 +20,14 @@ from toppling.results.store import newest_rows, read_steady, result_files
 from toppling.results.weights import CONTACT, WEIGHTS_FILE, Weights, are_due, sentences
 
 _WINDOW = timedelta(minutes=1)
-_COLUMNS = ["job_id", "record_id", "status", "toppled", "message", "attempt", "finished_at"]
+_COLUMNS = ["job_id", "record_id", "status", "toppled", "ended_by", "message", "attempt", "finished_at"]
+_REMEDIES = {
+    "left_ground": "the rock left the ground that is known: scan more of it",
+    "contacts_disagree": "try another preset, and report it",
+    "speed_limit": "try the preset reference",
+    "time_cap": "count it as neither",
+}
+"""What to do about jobs by the rule that ended them without an answer: done again they end alike."""
 
 
 @dataclass(frozen=True)
@@ -45,13 +53,14 @@ def state_of(run: Path) -> dict[str, Any]:
     sessions = described["sessions"] if running else [ended(session) for session in described["sessions"]]
     event = (last(run, "work began", "rows stored") if running else None) or {}
     status = {entry["values"]: entry["counts"] for entry in pc.value_counts(rows["status"]).to_pylist()}
+    failures = _failures(rows.filter(pc.not_equal(rows["status"], "ok")))
     state: dict[str, Any] = {
         "state": "running" if running else "complete" if stored == jobs else "interrupted",
         "writer": writer_of(run) if running else "",
         "unfinished": Completeness(jobs, stored, 0 if running else rows_stored(described)).remark,
         "jobs": jobs, "stored": stored, "toppled": pc.sum(rows["toppled"]).as_py() or 0,
         "failed": stored - status.get("ok", 0), "status": status,
-        "failures": _failures(rows.filter(pc.not_equal(rows["status"], "ok"))), "rate_per_s": None, "left_s": None,
+        "failures": failures[:MOST_SHOWN], "again": _again(failures), "rate_per_s": None, "left_s": None,
         "workers": event.get("workers"), "deaths": event.get("deaths"), "sessions": sessions,
     }  # fmt: skip
     state["audit"], state["audit_sentences"] = _audited(run)
@@ -105,12 +114,21 @@ def level_counts(run: Path) -> list[LevelCount]:
 
 
 def _failures(rows: pa.Table) -> list[dict[str, Any]]:
-    """Most frequent reasons of failures, with the number of jobs and an example of each."""
-    grouped = rows.group_by(["status", "message"], use_threads=False)
+    """Reasons of failures, the most frequent first, with the number of jobs and an example of each."""
+    grouped = rows.group_by(["status", "ended_by", "message"], use_threads=False)
     reasons = grouped.aggregate([("job_id", "count"), ("job_id", "first"), ("record_id", "first")])
     reasons = reasons.sort_by([("job_id_count", "descending"), ("job_id_first", "ascending")])
-    names = {"job_id_count": "jobs", "job_id_first": "job_id", "record_id_first": "record_id"}
-    return reasons.rename_columns(names)[:MOST_SHOWN].to_pylist()
+    names = ["status", "ended_by", "message", "jobs", "job_id", "record_id"]
+    found = reasons.rename_columns(names).to_pylist()
+    for row in found:
+        row["message"] = "; ".join(filter(None, (row["message"], _REMEDIES.get(row["ended_by"] or ""))))
+    return found
+
+
+def _again(failures: list[dict[str, Any]]) -> list[str]:
+    """Statuses of jobs that may have an answer when they are done again: no rule and no refusal ended them."""
+    ended = [row["ended_by"] or row["message"].startswith(f"{InputError.__name__}: ") for row in failures]
+    return sorted({row["status"] for row, of_itself in zip(failures, ended, strict=True) if not of_itself})
 
 
 def _pace(rows: pa.Table, jobs: int) -> tuple[float | None, float | None]:

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from toppling.models.errors import InputError
 from toppling.models.files.folder import write_text
-from toppling.models.files.table import write_csv
+from toppling.models.files.table import is_numeral, write_csv
 from toppling.orchestrator.terminal import bar
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import option
@@ -121,7 +120,7 @@ def magnitudes(
     from toppling.results.hazard import magnitudes as exclusion
     from toppling.results.hazard.ages import age_given, parse_age
 
-    _check_usage(rock, recurrence, age, faults, site, where)
+    _check_usage(rock, recurrence, age, faults, site, where, models)
     names, weights = _weights(models)
     grid_of = [GroundMotionModel(name, measure, **asked) for name in names]
     traces = read_faults(faults, site) if faults and site else []
@@ -164,13 +163,14 @@ def magnitudes(
 
 def _check_usage(
     rock: Path, recurrence: tuple[float, ...], age: str | None, faults: Path | None,
-    site: tuple[float, float] | None, where: str | None,
+    site: tuple[float, float] | None, where: str | None, models: Sequence[str],
 ) -> None:  # fmt: skip
     wrong = {
         "--recurrence needs the rock's --age": recurrence and not age,
         "--age applies to --recurrence: give it too": age and not recurrence,
         "--faults needs the rock's place: --site LON LAT": faults and not site,
         "--site applies to --faults": site and not faults,
+        "--model names a model twice": len(set(_weights(models)[0])) < len(models),
         "--where selects jobs of runs; a file of curves has none": where and not rock.is_dir(),
     }
     for what in filter(wrong.get, wrong):
@@ -180,29 +180,11 @@ def _check_usage(
 
 
 def _weights(models: Sequence[str]) -> tuple[list[str], list[float]]:
-    """Names of models and their weights, by default equal."""
+    """Names of models and their weights, by default equal; NaN for what is no number."""
     pairs = [text.lower().partition("=") for text in models]
-    names = [name for name, _, _ in pairs]
-    if len(set(names)) < len(names):
-        raise InputError(
-            "model.given_twice",
-            what=f"the models are {', '.join(names)}",
-            where="--model",
-            expected="each model once",
-            remedy="leave one of the two out",
-        )
-    if not any(weight for _, _, weight in pairs):
-        return names, [1.0 / len(names)] * len(names)
-    try:
-        return names, [float(weight) for _, _, weight in pairs]
-    except ValueError:
-        raise InputError(
-            "model.weights_unusable",
-            what=f"the models are {', '.join(models)}",
-            where="--model",
-            expected="NAME=WEIGHT for each of them, or for none",
-            remedy="give weights that sum to 1",
-        ) from None
+    weights = [float(weight) if is_numeral(weight) else math.nan for _, _, weight in pairs]
+    stated = any(weight for _, _, weight in pairs)
+    return [name for name, _, _ in pairs], weights if stated else [1.0 / len(pairs)] * len(pairs)
 
 
 def _write(answer: "Exclusions", out: Path, statement: dict[str, Any]) -> None:

@@ -82,10 +82,8 @@ def _of_rock(found: "Planned", counts: dict[str, Any]) -> tuple[list[str], list[
     product = " x ".join(counted(counts[name], name.removesuffix("s")) for name in axes)
     if chosen.realisations > 1:
         product += f", spread over {chosen.realisations} realisations"
-    head = f"{counted(counts['jobs'], 'job')} = {product}, engine {{engine}}, preset {{preset}}"
-    notes = settling_notes(scene.with_contact(ContactProperties.of(chosen.friction[0])))
-    ids = f"scene {planned.scene_id}, ensemble {planned.ensemble_id}, plan {planned.id}"
-    return [head.format(**counts)], [*notes, ids]
+    head = f"{counted(counts['jobs'], 'job')} = {product}, engine {chosen.engine}, preset {chosen.preset}"
+    return [head], settling_notes(scene.with_contact(ContactProperties.of(chosen.friction[0])))
 
 
 def _of_many(found: "Planned", counts: dict[str, Any]) -> tuple[list[str], list[str]]:

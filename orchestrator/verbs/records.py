@@ -16,8 +16,6 @@ from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import option
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from toppling.models.motions.ensemble import Ensemble
     from toppling.models.motions.importing import Import, Refusal
     from toppling.models.motions.selection import Deaggregation
@@ -154,24 +152,24 @@ def _import_json(ensemble: "Ensemble", outcome: "Import") -> None:
 def show_table(
     heads: Sequence[str], rows: Iterable[Sequence[str]], left: Collection[int], title: str | None = None
 ) -> None:
-    """Print a table of words; the columns `left` are left-aligned."""
+    """Print a table of words; of the left-aligned columns, `left`, long entries wrap, and no number is shortened."""
     from rich import box
+    from rich.console import Console
+    from rich.measure import Measurement
     from rich.table import Table
 
     table = Table(box=box.SIMPLE, title=title, title_justify="left")
     for index, head in enumerate(heads):
-        table.add_column(head, justify="left" if index in left else "right", max_width=28, no_wrap=True)
+        words = index in left
+        table.add_column(
+            head, justify="left" if words else "right", max_width=28, no_wrap=not words, overflow="fold"
+        )
     for row in rows:
         table.add_row(*row)
-    _print(table, 150)
-
-
-def _print(table: "Table", width: int) -> None:
-    """Print a table as wide as the terminal, or `width` characters if the output is not a terminal."""
-    from rich.console import Console
-
-    console = Console()
-    Console(width=None if console.is_terminal else width, markup=False).print(table)
+    console = Console(width=None if Console().is_terminal else 150, markup=False)
+    unlimited = console.options.update(max_width=10_000)
+    console.width = max(console.width, Measurement.get(console, unlimited, table).minimum)
+    console.print(table)
 
 
 def _show_catalog(rows: list[dict]) -> None:
@@ -208,25 +206,16 @@ def show_notes(notes: list[tuple[str, str]]) -> None:
 
 
 def _show_refusals(refusals: "list[Refusal]") -> None:
-    """Print a table of files left out, by reason; only the first few places of a reason are listed."""
-    if not refusals:
-        return
-    from rich import box
-    from rich.table import Table
-
-    by_reason: dict[tuple[str, str], list[Refusal]] = {}
+    """Print the files left out, by reason; of a reason only the first few places."""
+    by_reason: dict[tuple[str, str], list[str]] = {}
     for refusal in refusals:
-        by_reason.setdefault((refusal.reason.brief, refusal.reason.remedy), []).append(refusal)
-    table = Table(box=box.SIMPLE, show_lines=True, title=f"{len(refusals)} left out", title_justify="left")
-    for head in ("left out", "why, and what to do"):
-        table.add_column(head, overflow="fold", ratio=1)
-    for (what, remedy), group in by_reason.items():
-        subjects = [
-            r.reason.where if r.subject in r.reason.where else f"{r.subject} ({r.reason.where})"
-            for r in group
-        ]
-        table.add_row("\n".join(subjects), f"{what}\n-> {remedy}")
-    _print(table, 200)
+        reason, subject = refusal.reason, refusal.subject
+        place = reason.where if subject in reason.where else f"{subject} ({reason.where})"
+        by_reason.setdefault((reason.brief, reason.remedy), []).append(place)
+    for (what, remedy), places in by_reason.items():
+        click.echo(f"left out: {what}\n  -> {remedy}")
+        for place in places:
+            click.echo(f"  {place}")
 
 
 @click.group(cls=Verbs)
@@ -462,5 +451,5 @@ def _no_record(files: int, where: str) -> InputError:
         f"none of {files} files gave a record{instead(Path(where))}",
         where=where,
         expected="three-component records",
-        remedy="see the table above",
+        remedy="see the reasons above",
     )

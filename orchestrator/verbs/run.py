@@ -234,8 +234,8 @@ def _print_result(chosen: "Campaign", folder: Path, shaken: "CarriedOut", *, as_
             click.echo(sentence)
         if unphysical:
             click.echo(unphysical.sentence)
-        if there := [name for name in _AGAIN if name in state["status"]]:
-            click.echo(f"to do them again, add to the command: --again {','.join(there)}")
+        if state["again"]:
+            click.echo(f"to do them again, add to the command: --again {','.join(state['again'])}")
         for sentence in advice:
             click.echo(sentence)
         click.echo(f"next: toppling {'atlas' if chosen.sites else 'fragility'} {shlex.quote(named(folder))}")

@@ -173,18 +173,19 @@ def _draw_branches(axes: Axes, branches: Sequence[Branch], weights: Array, label
 
 
 def _draw_before_and_after(axes: Axes, updated: pd.DataFrame, *, after: bool = True) -> None:
-    """Draw mean and 5 to 95 % of the branches under the prior weights and, unless told not to, the posterior ones."""
+    """Draw mean and 5 to 95 % of the branches by their prior weights and, `after`, by any posterior ones."""
     rates = updated.replace(math.inf, math.nan)
     level, times = rates["level"], ("prior", "posterior")
     (low, high, mean), new = (
         [rates[f"rate_{time}_{kind}"] for kind in ("p05", "p95", "mean")] for time in times
     )
+    after = after and new[2].notna().any()
     if high.notna().any():
         axes.plot(level, low.where(low > 0), "k:", lw=1.0, label=f"5 and 95 %{' before' if after else ''}")
         axes.plot(level, high.where(high > 0), "k:", lw=1.0)
     axes.plot(level, mean.where(mean > 0), "k--", lw=1.3, label="mean before" if after else "hazard")
     low, high, mean = new
-    if after and mean.notna().any():
+    if after:
         low = low.clip(lower=_LEAST_RATE / 10)
         axes.fill_between(level, low, high, color=MAIN_COLOUR, alpha=0.3, lw=0, label="5 to 95 % after")
         axes.plot(level, mean.where(mean > 0), color=MAIN_COLOUR, lw=1.6, label="mean after")

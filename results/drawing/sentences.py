@@ -78,17 +78,17 @@ def answer(statement: dict[str, Any]) -> list[str]:
     several, at = len(alive) > 1, f"at {100 * statement['confidence']:g} %"
     standing = "the standing rock" if len(statement["rocks"]) == 1 else "the standing rocks"
     out = counts["branches_inconsistent"]
-    if not several:
-        verdict, branch = "inconsistent" if out else "consistent", statement["branches"][0]
-        low, high = branch.get("survival_low"), branch.get("survival_high")
+    if not several or out == len(alive):
+        best = max(statement["branches"], key=lambda branch: branch["survival"])
+        low, high = best.get("survival_low"), best.get("survival_high")
         drawn = "" if low is None else f" (95 %: {_change(low, high)})"
-        first = f"The hazard is {verdict} with {standing} {at}: survival is {share_words(alive[0])}{drawn}."
-        return [first, _allowed(statement)]
-    if out == len(alive):
-        most = share_words(max(alive))
         every = "Both" if out == 2 else f"All {out}"
-        first = f"{every} branches of the hazard are inconsistent with {standing} {at}: survival is at most {most}."
-        return [first, _allowed(statement)]
+        verdict = (
+            f"{every} branches of the hazard are inconsistent with {standing} {at}: survival is at most"
+            if several
+            else f"The hazard is {'inconsistent' if out else 'consistent'} with {standing} {at}: survival is"
+        )
+        return [f"{verdict} {share_words(best['survival'])}{drawn}.", _allowed(statement)]
     weight = f", with {share_words(counts['weight_inconsistent'])} of the prior weight" if out else ""
     first = (
         f"{out or 'None'} of the {len(alive)} branches {'are' if out > 1 else 'is'} inconsistent with {standing} "

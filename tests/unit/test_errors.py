@@ -23,7 +23,7 @@ OF_SEVERAL_ROOMS = {
     "file": "absent empty not_regular not_text unreadable", "fragility": "none",
     "hazard": "measure_other several_curves weight_unusable weights_incomplete weights_sum",
     "hint": "place_unreadable unknown", "measure": "unknown", "metadata": "no_file_given",
-    "model": "weights_unusable", "package": "not_installed",
+    "package": "not_installed",
     "placement": "given_twice", "record": "given_twice none_found", "rock": "does_not_stand",
     "run": "absent no_answers", "site": "several", "table": "unreadable",
 }  # fmt: skip

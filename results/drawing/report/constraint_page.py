@@ -59,16 +59,18 @@ def _curve_drawings(constraint: Constraint, statement: dict[str, Any]) -> list[D
     """The hazard before and after, where there is one, and with ages the rates that are inconsistent."""
     found = []
     if (update := constraint.update) is not None:
-        several = len(update.events.branches) > 1
-        caption = (
-            f"Hazard of {short_name(statement['measure'])} at {_site(statement)}, {ages_words(constraint.rocks)}"
-        ) + (
-            ": mean and 5 to 95 % of the branches before (dashed, dotted) and after (coloured) they are weighted by "
-            "the rock's survival; each branch is a line, the darker the more weight it has now."
+        of = f"Hazard of {short_name(statement['measure'])} at {_site(statement)}, {ages_words(constraint.rocks)}"
+        several, weighed = len(update.events.branches) > 1, update.posterior is not None
+        shown = (
+            f"mean and 5 to 95 % of the branches before (dashed, dotted){' and after (coloured)' if weighed else ''} "
+            "they are weighted by the rock's survival; each is a line, the darker the more weight it has"
+            f"{'.' if weighed else '. All are inconsistent, so that none gets a weight.'}"
             if several
-            else ": one curve, which cannot be weighted again."
+            else "one curve, which cannot be weighted again."
         )
-        found.append(Drawing("hazard", "Hazard", lambda width: hazard_figure(update, width), caption))
+        found.append(
+            Drawing("hazard", "Hazard", lambda width: hazard_figure(update, width), f"{of}: {shown}")
+        )
     return found + inconsistent_drawing(constraint)
 
 
@@ -95,9 +97,10 @@ def inconsistent_drawing(constraint: Constraint) -> list[Drawing]:
 def _event_drawings(statement: dict[str, Any], tables: Mapping[str, pd.DataFrame]) -> list[Drawing]:
     """Survival of branches, and the hazard before and after at each site, of each measure."""
     places = len(by_site_and_measure(statement["updated"], ""))
+    weighed = _weighed(statement)
     caption = (
-        "Survival of each branch (circles: prior weights; dots: posterior weights; lines: 95 %), and rates of "
-        "exceedance before and after the branches are weighted by it"
+        f"Survival of each branch (circles: prior weights{'; dots: posterior weights' if weighed else ''}; lines: 95 "
+        f"%), and rates of exceedance{' before and after the branches are weighted by it' if weighed else ''}"
         + (f", of the first {MOST_PANELS} of {places} sites and measures." if places > MOST_PANELS else ".")
     )
     branches, updated, confidence = tables["branches"], tables.get("updated"), statement["confidence"]
@@ -147,9 +150,15 @@ def _site(statement: dict[str, Any]) -> str:
     return ", ".join(filter(None, [hazard["site_name"], place])) or "the rock"
 
 
+def _weighed(statement: dict[str, Any]) -> bool:
+    """Whether there are several branches with posterior weights."""
+    branches = statement.get("branches", ())
+    return len(branches) > 1 and branches[0]["posterior_weight"] is not None
+
+
 def _changes(statement: dict[str, Any], document: Document) -> list[Block]:
-    """Tables of motions at some annual rates before and after, at each site, of each measure; none of one branch."""
-    if len(statement.get("branches", ())) < 2:
+    """Tables of motions at some annual rates before and after the branches are weighted, by site and measure."""
+    if not _weighed(statement):
         return []
     names = {
         "level_prior_mean": "before", "level_posterior_mean": "after", "level_posterior_p05": "5 % after",
@@ -202,7 +211,7 @@ def branches_table(statement: dict[str, Any], document: Document) -> list[Block]
             "verdict": "" if "inconsistent" not in row else "inconsistent" if row["inconsistent"] else "consistent",
         }
         for row in rows
-    ])  # fmt: skip
+    ]).replace("", None).dropna(axis="columns", how="all").fillna("")  # fmt: skip
     left = len(statement["branches"]) - len(heaviest)
     more = (
         [f"{left} branches with less weight: in branches.csv of 'toppling constrain --out'."] if left else []

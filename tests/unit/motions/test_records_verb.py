@@ -13,6 +13,7 @@ from refusals import tells
 
 from toppling.models.motions.ensemble import Ensemble
 from toppling.orchestrator.cli import cli
+from toppling.orchestrator.verbs.records import show_table
 
 
 def run(*arguments, expect=0):
@@ -43,6 +44,11 @@ def test_import_reads_what_it_can_and_ends_with_what_it_left_out(tmp_path):
         "record_id event station magnitude distance_km time_step_s pga_m_s2 ground_accelerates_toward_deg"
     )
     assert set(wanted.split()) <= set(row)
+
+
+def test_a_table_that_is_wider_than_the_page_shortens_no_number(capsys):
+    show_table(["event", *"abcdefghijklm"], [["word " * 12, *["123.456789"] * 13]], (0,))
+    assert capsys.readouterr().out.count("123.456789") == 13
 
 
 def test_import_takes_what_files_do_not_say_from_the_table_and_hints_at_one(tmp_path):

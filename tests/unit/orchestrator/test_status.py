@@ -33,14 +33,17 @@ def rows(planned, reasons):
 
 
 def test_the_same_failure_of_many_jobs_is_told_once_with_their_number(planned, tmp_path):
-    reasons = [("crashed", "died"), *[("failed", "it falls")] * 9, ("ok", "")]
-    write_part(tmp_path / "run", rows(planned, reasons))
+    reasons = [("crashed", "died"), *[("failed", "it falls")] * 9, ("ok", ""), ("failed", "InputError: it")]
+    stored = rows(planned, [*reasons, ("failed", "ended")])
+    write_part(tmp_path / "run", [*stored[:-1], stored[-1] | {"ended_by": "left_ground"}])
     state = state_of(tmp_path / "run")
     counts = state["stored"], state["failed"], state["status"]
-    assert counts == (11, 10, {"crashed": 1, "failed": 9, "ok": 1})
+    assert counts == (13, 12, {"crashed": 1, "failed": 11, "ok": 1})
     told = [(reason["jobs"], reason["status"], reason["message"]) for reason in state["failures"]]
-    assert told == [(9, "failed", "it falls"), (1, "crashed", "died")]
-    assert state["failures"][1]["job_id"] == planned.spec(0).job_id
+    assert told[0] == (9, "failed", "it falls")
+    assert (1, "failed", "ended; the rock left the ground that is known: scan more of it") in told
+    assert {row["job_id"] for row in state["failures"]} >= {planned.spec(job).job_id for job in (0, 12)}
+    assert state["again"] == ["crashed", "failed"]
 
 
 def test_the_rate_is_that_of_the_last_minute_of_stored_rows(planned, tmp_path):

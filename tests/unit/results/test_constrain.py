@@ -127,7 +127,7 @@ def test_a_verdict_that_hangs_on_what_the_curve_leaves_out_is_told(tmp_path, cur
 
 @pytest.mark.parametrize(("asked", "all_of_them"), [([1], True), ([1, 1], True), ([0, 1], False)])
 def test_the_verdict_comes_first_and_nothing_is_updated_where_all_is_rejected(
-    curves, hazards, asked, all_of_them
+    tmp_path, curves, hazards, asked, all_of_them
 ):
     branches = [argument for number in asked for argument in ("--hazard", hazards[number])]
     told = told_by(curves, "--age", "10000", *branches)
@@ -139,7 +139,10 @@ def test_the_verdict_comes_first_and_nothing_is_updated_where_all_is_rejected(
     }
     for table, column in names.items():
         assert all(row[column] is None for row in told[table]) == all_of_them
-    assert "inconsistent" in constrain(curves, "--age", "10000", *branches).stdout.partition("\n")[0]
+    stated = constrain(curves, "--age", "10000", *branches, "--out", str(tmp_path / "made")).stdout
+    assert "inconsistent" in stated.partition("\n")[0]
+    page = (tmp_path / "made" / "constraint.html").read_text()
+    assert ("after (coloured)" in page) == ("posterior weight" in page) == (not all_of_them)
 
 
 @pytest.mark.parametrize(("confidence", "inconsistent"), [("0.5", True), ("0.95", False)])

@@ -273,7 +273,7 @@ def test_a_fault_whose_own_earthquake_would_have_toppled_the_rock_is_excluded(cu
     [
         (["--recurrence", "3000"], 2), (["--age", "3000"], 2), (["--site", "1", "2"], 2), (["--faults", "FAULTS"], 2),
         (["--where", "true"], 2), (["--model", "bssa14=0.4", "--model", "cy14=0.4"], 1),
-        (["--model", "bssa14", "--model", "bssa14"], 1), (["--model", "none"], 1),
+        (["--model", "bssa14", "--model", "bssa14"], 2), (["--model", "none"], 1),
         (["--mechanism", "U", "--model", "ask14"], 1), (["--faults", "FAULTS", "--site", "34.7", "-118.1"], 1),
     ],
 )  # fmt: skip

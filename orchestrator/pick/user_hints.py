@@ -203,7 +203,9 @@ def detail(
     points_m: Array, label: NDArray[np.int8] | None, middle_m: Array, reach_m: float
 ) -> tuple[float, bytes]:
     """Spacing and packed points of a cube about a place (3,), as many as of the whole cloud."""
-    near = thinned(points_m, SHOWN_POINTS // 2, around(points_m, middle_m, reach_m))
+    if not len(rows := around(points_m, middle_m, reach_m)):
+        return 0.0, b""
+    near = thinned(points_m, SHOWN_POINTS // 2, rows)
     return near.spacing_m, _drawn(points_m, [near.rows], label)
 
 

@@ -5,6 +5,7 @@ import re
 import signal
 import subprocess
 import sys
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -31,13 +32,16 @@ def cloud(tmp_path_factory):
     return path
 
 
-@pytest.fixture(scope="module")
-def page(cloud):
-    words = [str(cloud), "--out", str(cloud.parent / "rock"), "--pick", "--no-open"]
-    command = subprocess.Popen([*COMMAND, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+@contextmanager
+def opened(folder, *words):
+    """The page of a scan, once it is up to date, and the command that serves it."""
+    command = subprocess.Popen(
+        [*COMMAND, *map(str, words), "--pick", "--no-open"],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
     try:
         address = re.search(r"http://\S+", command.stdout.readline())[0]
-        with browsing(cloud.parent / "profile") as browser:
+        with browsing(folder / "profile") as browser:
             browser.open(address)
             browser.until(f"{IDLE} == 'true'")
             yield browser, command
@@ -45,6 +49,12 @@ def page(cloud):
         if command.poll() is None:
             command.send_signal(signal.SIGINT)
         command.communicate(timeout=120)
+
+
+@pytest.fixture(scope="module")
+def page(cloud):
+    with opened(cloud.parent, cloud, "--out", cloud.parent / "rock") as page:
+        yield page
 
 
 def scene(folder):
@@ -174,3 +184,12 @@ def test_clicks_become_hints_by_which_the_scan_repeats(page, cloud):
     one, other = scene(cloud.parent / "rock"), scene(cloud.parent / "again")
     assert one["id"] == other["id"]
     assert one["report"] == other["report"]
+    # Of a scene that is drawn again, whose clouds are not read, no hint on these is asked for.
+    with opened(cloud.parent / "drawn", "--again", cloud.parent / "rock") as (browser, _):
+        assert browser.run("return document.getElementById('modes').innerText").split() == [
+            "LookL",
+            "TouchT",
+            "DaylightD",
+        ]
+        browser.keys("p")
+        assert browser.run("return document.querySelector('[aria-checked=true]').dataset.mode") == "look"

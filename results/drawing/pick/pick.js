@@ -15,6 +15,8 @@ const MODES = [
   ["length", "S", "Scale", "Click the two ends of a measured length, then say beside how long it is."],
 ];
 const NAMES = { units: "unit", up: "up", length: "length", near: "rock", plane: "plane", point: "meet", outline: "outline", touch: "touch", daylight: "daylight", pull: "pull", base: "base", touch_only: "touches" };
+const OF_CLOUDS = ["near", "point", "plane", "length", "up", "units"];  // a scene that is drawn again keeps none
+const offered = name => !(state?.again && OF_CLOUDS.includes(name));
 const LISTS = ["point", "touch", "daylight", "pull"];
 let mode = "look", ends = [], state = null, hints = null, past = [], future = [], drawnView = -1, framed = "", before = null, shownTable = null, shownFor = "";
 
@@ -103,7 +105,7 @@ function setMarks() {
   const tops = (state.candidates || []).map((each, k) => ({ name: "top", place: surveyed(each.top_m), text: `${k + 1}`, title: `${each.height_m.toPrecision(2)} m high`, chosen: isChosen(each), act: () => choose(each) }));
   const said = places().map(({ name, value }) => ({ name, place: value, text: "", title: `${NAMES[name]}: ${told(value)}` }));
   const measured = (ends.length ? ends.map(each => each.place_m) : state.ends_m || []).map(place => ({ name: "end", place, text: "", title: "end of the length" }));
-  marks = [...(state.answer && tops.length < 2 ? [] : tops), ...said, ...measured].map(each => {
+  marks = [...(!offered("near") || (state.answer && tops.length < 2) ? [] : tops), ...said, ...measured].map(each => {
     const made = make("button", each.text, { type: "button", className: `mark ${each.name}${each.chosen ? " chosen" : ""}`, title: each.title });
     if (each.act) made.onclick = each.act; else made.onclick = () => stage.look(local(each.place));
     return { place: local(each.place), made };
@@ -176,7 +178,7 @@ function showError(error) {
   if (!error) return;
   const parts = [make("strong", inWords(`${error.where ? error.where + ": " : ""}${error.what}`))];
   if (error.expected) parts.push(make("p", `Expected: ${inWords(error.expected)}`));
-  const here = REMEDIES.filter(([option]) => error.remedy.match(OPTION)?.includes(`--${option}`));
+  const here = REMEDIES.filter(([option]) => offered(option) && error.remedy.match(OPTION)?.includes(`--${option}`));
   if (past.length) here.push(["", "take the last hint back", undo]);
   if (here.length) parts.push(make("p", ["What to do here: ", ...here.map(([, text, act]) => make("button", text, { type: "button", onclick: act }))]));
   // The command's own words serve where no control of the page does the same.
@@ -186,7 +188,7 @@ function showError(error) {
 }
 // What an option of the command does is a control here.
 const OPTION = /--[a-z]+(-[a-z]+)*/g;
-const inWords = text => text.replace(OPTION, option => REMEDIES.find(([name]) => option === `--${name}`)?.[1] ?? option);
+const inWords = text => text.replace(OPTION, option => REMEDIES.find(([name]) => offered(name) && option === `--${name}`)?.[1] ?? option);
 const field = (form, name) => () => at(form)[name].focus();
 const REMEDIES = [
   ...["near", "point", "plane", "touch", "daylight", "length"].map(name => [name, MODES.find(each => each[0] === name)[2], () => { setMode(name); at("view").focus(); }]),
@@ -237,7 +239,7 @@ function showNext(found, now) {
 }
 
 function showCandidates(list) {
-  at("rivals").hidden = !list || (list.length < 2 && state.answer !== null);
+  at("rivals").hidden = !list || !offered("near") || (list.length < 2 && state.answer !== null);
   at("candidates").replaceChildren(...(list || []).map((each, k) => make("li", make("button",
     `${k + 1}: ${each.height_m.toPrecision(2)} m high, top at ${told(surveyed(each.top_m).slice(0, 2))}`,
     { type: "button", className: isChosen(each) ? "chosen" : "", onclick: () => choose(each) }))));
@@ -258,6 +260,7 @@ async function show(next) {
     }
   }
   if (stage && !handles.held) { stage.setPlane(planeNow()); handles.set(planeNow()); }
+  for (const button of at("modes").children) button.hidden = !offered(button.dataset.mode);
   const busy = state.stage !== "";
   at("stage").className = busy ? "busy" : "";
   at("stage").textContent = busy ? state.stage : state.current ? `up to date; ${state.points.toLocaleString("en")} points` : state.error ? "refused: see the error" : "waiting for a hint";
@@ -279,7 +282,7 @@ async function show(next) {
 
 function fillPlane(dragged) {
   const form = at("plane"), plane = planeNow();
-  form.hidden = !plane;
+  form.hidden = !plane || !offered("plane");
   if (!plane || form.contains(document.activeElement) || (handles?.held && !dragged)) return;
   const [height, slope, azimuth] = dragged ? dragged.slice(2) : [plane.point_m[2] + state.origin_m[2], ...slopeOf(plane.normal)];
   form.z.value = height.toFixed(3);
@@ -289,6 +292,7 @@ function fillPlane(dragged) {
 
 function fillPlace() {
   const form = at("place"), free = !state.placed;
+  form.hidden = !offered("up");
   for (const field of form.elements) field.disabled = !free;
   if (form.contains(document.activeElement)) return;
   if (form.units.length === 1) form.units.append(...state.units.map(name => make("option", name)));
@@ -382,7 +386,7 @@ document.addEventListener("keydown", event => {
     return;
   }
   const chosen = MODES.find(each => each[1] === key);
-  if (chosen) setMode(chosen[0]);
+  if (chosen && offered(chosen[0])) setMode(chosen[0]);
   else if (key === "Escape") setMode("look");
   else if (key === "F") stage?.frame();
   else if (document.activeElement !== at("view")) return;

@@ -156,6 +156,7 @@ def test_what_is_saved_is_what_was_said_last(picking, work, written):
     state = until(picking, lambda state: state["saved"] == 1)
     assert written == [NEAR[3]]
     assert (state["saving"], state["target"]) == (False, "rock")
+    assert picking.detail(np.full(3, 9.0), 1.0) == (0.0, b"")  # where no point is
 
 
 @pytest.mark.parametrize("up", [*AXES, "0.2,1,-3"])

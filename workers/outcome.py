@@ -6,13 +6,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from toppling.models.compiled import Array
 from toppling.models.frames import azimuth_deg
 from toppling.models.ground.points import LARGEST_OPEN_TILT_DEG, ContactModel
 from toppling.models.rock import Trajectory
 from toppling.models.statics import TOPPLED_FALL, TOPPLED_TILT_DEG
-from toppling.workers import quaternion
 from toppling.workers.problem import Problem
 from toppling.workers.termination import FALLS, Observation, is_displaced
 
@@ -125,8 +125,9 @@ def result_of(
 def _trajectory_of(contact: ContactModel, time_s: Array, pose: Array) -> Trajectory:
     """The public view of a trajectory (n, 7) in the support frame."""
     turn = contact.scene_from_support
-    relative = quaternion.product(pose[:, 3:], quaternion.inverse(contact.start_quaternion_xyzw))
-    in_scene = np.column_stack([relative[:, :3] @ turn.T, relative[:, 3]])
+    relative = Rotation.from_quat(pose[:, 3:]) * Rotation.from_quat(contact.start_quaternion_xyzw).inv()
+    quaternion = relative.as_quat()
+    in_scene = np.column_stack([quaternion[:, :3] @ turn.T, quaternion[:, 3]])
     return Trajectory(time_s.copy(), pose[:, :3] @ turn.T + contact.origin_m, in_scene)
 
 

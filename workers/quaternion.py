@@ -1,59 +1,17 @@
-"""Quaternions (x, y, z, w): in NumPy for many at once, compiled for the inner loop."""
+"""Quaternions (x, y, z, w) of poses. Compiled."""
 
 import math
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from toppling.models.compiled import Array, compiled, inner
 
 
-def product(left: Array, right: Array) -> Array:
-    """Turn by `right`, then by `left`; broadcasts over (..., 4)."""
-    x1, y1, z1, w1 = np.moveaxis(np.asarray(left, float), -1, 0)
-    x2, y2, z2, w2 = np.moveaxis(np.asarray(right, float), -1, 0)
-    return np.stack(
-        [
-            w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2,
-            w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2,
-            w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2,
-            w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2,
-        ],
-        axis=-1,
-    )
-
-
-def inverse(quaternion: Array) -> Array:
-    """The turn back, of unit quaternions (..., 4)."""
-    return np.asarray(quaternion, float) * (-1.0, -1.0, -1.0, 1.0)
-
-
-def matrix(quaternion: Array) -> Array:
-    """Rotation matrices (..., 3, 3) of unit quaternions (..., 4)."""
-    x, y, z, w = np.moveaxis(np.asarray(quaternion, float), -1, 0)
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
-
-
-def from_matrix(turn: Array) -> Array:
-    """Unit quaternion (4,) of a rotation matrix (3, 3), by the largest of its components (Shepperd 1978)."""
-    trace = float(np.trace(turn))
-    squares = np.array([turn[0, 0], turn[1, 1], turn[2, 2], trace])
-    i = int(squares.argmax())
-    if i == 3:
-        vector = [turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]
-        found = np.array([*vector, 1.0 + trace])
-    else:
-        j, k = (i + 1) % 3, (i + 2) % 3
-        found = np.empty(4)
-        found[i] = 1.0 + 2.0 * turn[i, i] - trace
-        found[j] = turn[j, i] + turn[i, j]
-        found[k] = turn[k, i] + turn[i, k]
-        found[3] = turn[k, j] - turn[j, k]
-    return found / np.linalg.norm(found)
+def seated(seat: Array, pose: Array) -> Array:
+    """The pose (7,) in which a rock comes to rest where it is, with its turn about the normal since its seat."""
+    attitude = Rotation.from_euler("z", yaw_between(seat, pose)) * Rotation.from_quat(seat[3:])
+    return np.concatenate([pose[:2], seat[2:3], attitude.as_quat()])
 
 
 @compiled

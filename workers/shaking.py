@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
 from toppling.models.caching import cached
 from toppling.models.compiled import Array
@@ -34,13 +35,13 @@ from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.models.shapes import box
 from toppling.models.statics import STEEP, TOPPLED_FALL
-from toppling.workers import quaternion as quat
 from toppling.workers.compile_once import ensure_compiled
 from toppling.workers.engines import DEFAULT, engine_named, options_of
 from toppling.workers.engines.protocol import Steps
 from toppling.workers.options import NumericalOptions
 from toppling.workers.outcome import ShakeResult, result_of
 from toppling.workers.problem import Problem, time_step_s
+from toppling.workers.quaternion import seated
 from toppling.workers.seating import settled
 from toppling.workers.standing import TOUCHING_SHARE, let_down
 from toppling.workers.start import State, checked_start
@@ -213,8 +214,8 @@ class Shaking:
         """Contacts, and where (n, 3) on the rock as it stood at the start: from its centre, z up."""
         body = self.problem.scene.grounded
         near = body.near_contacts(pose, TOUCHING_SHARE * body.size_m)
-        turned = body.scene_from_support @ quat.matrix(self.sim.pose[0, 3:]) @ quat.matrix(pose[3:]).T
-        return near, near["arm_m"] @ turned.T
+        back = Rotation.from_quat(self.sim.pose[0, 3:]) * Rotation.from_quat(pose[3:]).inv()
+        return near, back.apply(near["arm_m"]) @ body.scene_from_support.T
 
     def _make_room(self, steps: int) -> None:
         if self.last + steps + 2 < len(self.sim.time_s):
@@ -232,7 +233,7 @@ class Shaking:
         time_s, pose = self.time_and_pose()
         rolls = problem.scene.rolls and len(sim.rock.faces) == 0 and self._rest_s[1] != self.time_s
         if ended_by == "rest_certain" and rolls:
-            rest = _rolled_back(problem.contact.start_pose, pose[-1])
+            rest = seated(problem.contact.start_pose, pose[-1])
             time_s, pose = np.append(time_s, time_s[-1]), np.vstack([pose, rest])
         certain = ended_by in ("never_moved", "rest_certain")
         left_s = max(problem.motion.duration_s - self.time_s, 0.0) if certain else 0.0
@@ -277,13 +278,6 @@ def _rolling(problem: Problem) -> RollingSurface:
     if base is None or not base.rolls or not problem.scene.ground.is_plane:
         return NO_ROLLING
     return rolling_surface(base.patches, com_m, contact.scene_from_support @ contact.support_from_body)
-
-
-def _rolled_back(seat: Array, pose: Array) -> Array:
-    """The pose (7,) in which a rock comes to rest where it is, with its turn about the normal since its seat."""
-    yaw = quat.yaw_between(seat, pose)
-    attitude = quat.product(np.array([0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)]), seat[3:])
-    return np.concatenate([pose[:2], seat[2:3], attitude])
 
 
 def shake(

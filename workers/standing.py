@@ -16,7 +16,6 @@ from toppling.models.errors import InputError
 from toppling.models.ground.body import SETTLING_STEP, GroundedBody
 from toppling.models.ground.equilibrium import are_held, wrenches
 from toppling.models.ground.stepping import settle
-from toppling.workers import quaternion as quat
 
 TOUCHING_SHARE = 1e-3
 """Gap over R of the contacts that carry a rock at rest; one that creeps to rest ends with smaller gaps."""
@@ -93,7 +92,7 @@ def let_down(body: GroundedBody, pose: Array) -> Array | None:
 
 def energy_j_kg(body: GroundedBody, pose: Array, velocity: Array, rest: Array) -> float:
     """Energy per mass of a moving rock, above that in a pose at rest."""
-    spin = quat.matrix(pose[3:]).T @ velocity[3:]
+    spin = Rotation.from_quat(pose[3:]).inv().apply(velocity[3:])
     raised_m = (pose[:3] - rest[:3]) @ body.scene_from_support[2]
     kinetic = 0.5 * (velocity[:3] @ velocity[:3] + spin @ (body.inertia_m2 * spin))
     return float(kinetic + body.gravity_m_s2 * raised_m)

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
 from toppling.models.compiled import Array
 from toppling.models.errors import InputError
 from toppling.models.ground.points import ContactModel
-from toppling.workers import quaternion as quat
 
 _SUNK_SHARE = 1e-4
 """A start whose points are deeper than this share of R is raised; what is less the engine lets out gently."""
@@ -61,9 +61,9 @@ def given_state(contact: ContactModel, start: State) -> tuple[Array, Array]:
     if start.position_m is not None:
         position = (np.asarray(start.position_m, float) - contact.origin_m) @ turn
     given = np.asarray(start.quaternion_xyzw, float)
-    relative = quat.from_matrix(turn.T @ quat.matrix(given / np.linalg.norm(given)) @ turn)
-    attitude = quat.product(relative, contact.start_quaternion_xyzw)
-    pose = np.concatenate([position, attitude])
+    relative = Rotation.from_quat([*given[:3] @ turn, given[3]])
+    attitude = relative * Rotation.from_quat(contact.start_quaternion_xyzw)
+    pose = np.concatenate([position, attitude.as_quat()])
     velocities = (start.velocity_m_s, start.angular_velocity_rad_s)
     velocity = np.concatenate([np.asarray(given, float) @ turn for given in velocities])
     return pose, velocity

@@ -21,9 +21,9 @@ from toppling.models.ground.stepping import Grounded
 from toppling.models.motions.motion import Motion
 from toppling.models.relief import contact_feet_m
 from toppling.models.scene import Scene
-from toppling.workers import quaternion as quat
 from toppling.workers.engines.protocol import Steps
 from toppling.workers.problem import Problem
+from toppling.workers.quaternion import seated
 from toppling.workers.stepping import Watch, take_steps
 from toppling.workers.termination import travel_m
 
@@ -178,7 +178,7 @@ class Stepper:
         steps = len(force_m_s2)
         applied = np.zeros((1, steps, 12))  # of the world's body and the rock's
         applied[0, :, 6:9] = force_m_s2
-        spin = quat.matrix(pose[3:]).T @ velocity[3:]
+        spin = Rotation.from_quat(pose[3:]).inv().apply(velocity[3:])
         state = np.array([[0.0, *pose[:3], pose[6], *pose[3:6], *velocity[:3], *spin]])
         out = np.empty((1, steps, state.shape[1]))
         rollout, force_bit = _rollout()
@@ -370,12 +370,11 @@ class MujocoSteps:
         """Take a rock at rest back to its seat, turned and shifted along the plane, if it is nearly there."""
         assert self._seat is not None  # as :meth:`__call__` has made sure
         pose, seat = sim.pose[sim.counts[1]], self._seat
-        yaw = quat.yaw_between(seat, pose)
-        turned = quat.product(np.array([0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)]), seat[3:])
-        between = quat.matrix(quat.product(pose[3:], quat.inverse(turned)))
-        if not between[2, 2] > math.cos(math.radians(_SEATED_WITHIN_DEG)):
+        turned = seated(seat, pose)
+        between = Rotation.from_quat(pose[3:]) * Rotation.from_quat(turned[3:]).inv()
+        if not between.as_matrix()[2, 2] > math.cos(math.radians(_SEATED_WITHIN_DEG)):
             return False
-        pose[2], pose[3:] = seat[2], turned
+        pose[:] = turned
         sim.velocity[sim.counts[1]] = 0.0
         return True
 

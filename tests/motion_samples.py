@@ -227,7 +227,8 @@ def cosmos(folder: Path, a: np.ndarray, corrected: bool = True) -> list[Path]:
         text += rows(np.where(np.arange(100) == 0, 2 if corrected else 1, -999), "8.0f", 10)
         text += " 100 Real-header values follow on  17 lines, Format= (6F13.6)\n" + rows(reals, "13.6f", 6)
         text += f'   1 Comment line(s) follow, each starting with a "|":\n|<SCNL>23837.HN{number}.CE.--\n'
-        text += f"   {len(series)} acceleration pts, approx   4 secs, units={unit},Format=(8f11.6)\n"
+        text += f"   {len(series)} acceleration pts, approx {len(series) * STEP_S:3.0f} secs, units={unit},"
+        text += "Format=(8f11.6)\n"
         text += rows(series * factor, "11.6f", 8) + f"End-of-data for Chan  {number} acceleration\n"
     path = folder / ("sample.V2C" if corrected else "sample.V1C")
     path.write_text(text)
@@ -402,22 +403,9 @@ def sac(folder: Path, a: np.ndarray) -> list[Path]:
 
 
 WRITERS = {
-    "peer": peer,
-    "columns": columns,
-    "one_column": one_column,
-    "csmip_v1": csmip_v1,
-    "pairs_v1": pairs_v1,
-    "bhrc": bhrc,
-    "csmip_v2": csmip_v2,
-    "cosmos_v2": cosmos,
-    "cosmos_v1": lambda folder, a: cosmos(folder, a, corrected=False),
-    "smc": smc,
-    "geonet_v2a": geonet,
-    "geonet_v1a": lambda folder, a: geonet(folder, a, corrected=False),
-    "esm": esm,
-    "unam": unam,
-    "cwb": cwb,
-    "knet": knet,
-    "miniseed": miniseed,
-    "sac": sac,
-}
+    "peer": peer, "columns": columns, "one_column": one_column, "csmip_v1": csmip_v1, "pairs_v1": pairs_v1,
+    "bhrc": bhrc, "csmip_v2": csmip_v2, "cosmos_v2": cosmos,
+    "cosmos_v1": lambda folder, a: cosmos(folder, a, corrected=False), "smc": smc, "geonet_v2a": geonet,
+    "geonet_v1a": lambda folder, a: geonet(folder, a, corrected=False), "esm": esm, "unam": unam, "cwb": cwb,
+    "knet": knet, "miniseed": miniseed, "sac": sac,
+}  # fmt: skip

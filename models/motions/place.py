@@ -43,11 +43,13 @@ def at_depth(depth_m: float) -> Place:
 
 
 _OF_SENSOR = re.compile(
-    r"\b(?:(?:sensor|instrument|transducer|channel)[ _]location|(?=(?:sensor|instrument|borehole)[ _]depth))\W*(.+)",
+    r"(?:^\W*(?:location|instrument|installation|(?=depth))(?=(?:depth)?\W*[:=])"
+    r"|\b(?:sensor|instrument|transducer|channel)[ _]location|\b(?=(?:sensor|instrument|borehole)[ _]depth))\W*(.+)",
     re.IGNORECASE,
 )
 _DEPTH = re.compile(
-    r"(?:(?:depth|down-?hole|bore-?hole)[^\d]{0,12}|\B-)(?P<after>\d+(?:\.\d+)?) *(?P<unit>m|meters?|metres?|ft|feet)\b"
+    r"(?:(?:depth|down-?hole|bore-?hole|pozo)[^\d]{0,12}|\B-)(?P<after>\d+(?:\.\d+)?)"
+    r" *(?P<unit>m|meters?|metres?|ft|feet)\b"
     r"|(?P<before>\d+(?:\.\d+)?)[ -]*(?P<of>m|meters?|metres?|ft|feet) +(?:deep|depth|below|down)",
     re.IGNORECASE,
 )
@@ -74,7 +76,10 @@ _STRUCTURES = (
 )
 """Words of a sensor's location, and where it stands then. A place at ground level is none of these: agencies count the
 base of a building as a reference station (COSMOS, table 6, code 5)."""
-_OF_NAMES = ("down-?hole", "dam crest", "crest of", "(?:sub-?)?basement|bsmt", "roof|penthouse")
+_OF_NAMES = (
+    r"(?:down-?hole|bore-?hole|pozo)(?:[ ,]*\d[\d.]* *(?:m|ft))?", "dam crest", "crest of",
+    "(?:sub-?)?basement|bsmt|s[oó]tano", "roof|penthouse|azotea",
+)  # fmt: skip
 """Words that state a sensor's location also at the end of a station's name."""
 _NAME_END = re.compile(
     rf"(?:^|[\s,;(-])(?P<end>(?:{'|'.join(_OF_NAMES)})(?: (?:the )?dam)?|{_FLOOR.pattern})[\s).]*$",
@@ -91,7 +96,7 @@ def place_in_words(location: str) -> Place | None:
     if found := _DEPTH.search(location):
         unit = (found["unit"] or found["of"]).lower()
         return Place(float(found["after"] or found["before"]) * METRES["ft" if unit[0] == "f" else "m"])
-    if re.search("down-?hole|bore-?hole", location, re.IGNORECASE):
+    if re.search(r"down-?hole|bore-?hole|\bpozo\b", location, re.IGNORECASE):
         return BOREHOLE
     if _AT_GROUND.search(location):
         return FREE_FIELD

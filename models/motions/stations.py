@@ -132,8 +132,7 @@ def _direction(component: Component) -> float | str | None:
     """Direction by header, then by the file's name; a label such as HNE counts by its last letter."""
     if component.direction is not None or component.label:
         return component.direction
-    label = _name_series(component)[1].upper()
-    return code_direction(label[-1] if re.fullmatch(r"[A-Z][GHLN][ENZ]", label) else label)
+    return code_direction(_name_series(component)[1])
 
 
 def _key(component: Component) -> tuple:

@@ -27,6 +27,7 @@ from toppling.models.motions.formats.record_text import (
     check_stated,
     first_found,
     parted,
+    round_step,
     stated_step_s,
     stated_unit,
 )
@@ -92,6 +93,10 @@ _INTEGRATED, _ACCELERATED = (
     re.compile(words, re.IGNORECASE) for words in (r".*\b(?:velocity|displacement)\b.*", "acc|acel")
 )
 """Text above that tells of velocity, and of acceleration."""
+_CHANGED = re.compile(
+    r".*\b(?:scal(?:e|ing)[ _-]*factor|multipl(?:y|ier|ied)|polarity|reversed)\b.*", re.IGNORECASE
+)
+"""Text above that tells of a factor or a sign, which the samples may have or not."""
 _OTHER_UNIT = re.compile(r"(?:rad|deg|°)/s|dps|°?[cf]|[hk]?pa|[uµμ]t|m?v|volts?|%", re.IGNORECASE)
 
 _EPOCHS = {1e17: 1e-9, 1e14: 1e-6, 1e11: 1e-3}
@@ -316,8 +321,9 @@ def read(file: RecordText) -> list[Component]:
         warnings = (*warnings, f"{file.path.name}: columns left out: {', '.join(roles.left_out)}")
     step, start_s = _times(file, layout, roles, values, rows)
     text = [line for n, line in enumerate(above) if n != layout.names_at or not layout.columns]
-    if (said := first_found(_INTEGRATED, text)) and not first_found(_ACCELERATED, above):
-        what = f"{file.path.name}: {shown(said[0].strip())} stands above samples read as acceleration"
+    integrated = None if first_found(_ACCELERATED, above) else first_found(_INTEGRATED, text)
+    for said in filter(None, (integrated, first_found(_CHANGED, text))):
+        what = f"{file.path.name}: {shown(said[0].strip())} stands above samples read as acceleration as they are"
         warnings = (*warnings, what)
     check_stated(text, step, (len(values), len(roles.components)), file.path)
     unit, place = stated_unit(text), place_above(above)
@@ -512,15 +518,7 @@ def _time_step(file: RecordText, first: int, time: NDArray[np.float64], printed:
         what = f"the time goes on by {steps[wrong[0]]:g} s where the step is {step:g} s: a gap or two steps"
         remedy = "fill or cut the gap, or resample the record to one step first"
         file.refuse("record.step_uneven", first + 1 + int(wrong[0]), what, "equal time steps", remedy)
-    return _round_step(mean, digit / len(steps))
-
-
-def _round_step(step: float, error: float) -> float:
-    """Roundest step within an error: of a few decimals, else of a whole number a second, else of nine decimals."""
-    rounded = (round(step, digits) for digits in range(1, 5))
-    few = next((value for value in rounded if abs(value - step) <= error), 0.0)
-    rate = round(1 / step) or 1
-    return few if few > 0 else 1 / rate if abs(1 / rate - step) <= error else round(step, 9)
+    return round_step(mean, digit / len(steps))
 
 
 def _print_error(numbers: list[str]) -> float:

@@ -19,12 +19,19 @@ _DEGREES = re.compile(r"-?(?:\d+(?:\.\d*)?|\.\d+)", re.ASCII)
 _DIRECTIONS: dict[str, float | str] = {
     word: direction
     for words, direction in (
-        ("UP UD U V Z VERT VERTICAL VER VRT", UP), ("DOWN DWN DN D", DOWN), ("N NS NORTH", 0.0),
-        ("E EW EO EAST", 90.0), ("S SOUTH", 180.0), ("W WEST", 270.0),
+        ("UP UD U V Z VERT VERTICAL VER VRT UPDOWN VERTICALUP VERTIKAL VERTICALE 竖向 竖直 垂直 上下", UP),
+        ("DOWN DWN DN D", DOWN),
+        ("N NS NORTH NORTHSOUTH NORTE NORD NORTESUR NORDSÜD NORDSUD 南北", 0.0),
+        ("E EW EO EAST EASTWEST ESTE EST OST ESTEOESTE OSTWEST ESTOUEST 东西 東西", 90.0),
+        ("S SOUTH SUR", 180.0), ("W WEST OESTE", 270.0),
     )
     for word in words.split()
 }  # fmt: skip
-_QUADRANT = re.compile(r"([NS])\s*(\d+(?:\.\d*)?|\.\d+)\s*([EW])", re.ASCII)
+_QUADRANT = re.compile(r"([NS])(\d+(?:\.\d*)?|\.\d+)([EW])", re.ASCII)
+_BETWEEN = re.compile(r"(?<=\w)[\s_-]+(?=\w)")
+"""Blanks and hyphens within a direction: N-S, N 28 W."""
+_SEED = re.compile(r"[A-Z][GHLN]([ENZ123])(?:[._ ]?(?:\d\w|--))?")
+"""SEED's code of a band, an accelerometer or seismometer, and a direction or number; perhaps a location behind."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,17 +113,21 @@ def check_samples(
 def bearing(label: str) -> float | str | None:
     """Direction that a component's label names: compass bearing in degrees, "up", "down", or None.
 
-    Understands bearings ("090", "N37.5E", "S53W", "270 Deg"), letters ("E", "NS", "UD"), words ("UP", "DOWN"). A
-    minus before a bearing counts it the other way ("-45" is "315"), before a letter or word turns it round.
+    Understands bearings ("090", "N37.5E", "S 53 W", "270 Deg"), letters ("E", "N-S", "UD"), words ("UP", "DOWN") and
+    channels' codes ("HNE"). A minus before a bearing counts it the other way ("-45" is "315"), before a letter or word
+    turns it round.
     """
     text = label.upper().replace("DEGREES", "").replace("DEG", "").strip(" ,;:()_")
-    text = text.removesuffix(".").rstrip(" ,;:()-_")
+    text = text.removesuffix(".")
+    text = text if _SEED.fullmatch(text) else _BETWEEN.sub("", text.rstrip(" ,;:()_"))
     if _DEGREES.fullmatch(text):
         return float(text) % 360 if abs(float(text)) <= 360 else None
     return _opposite(_named(text[1:])) if text.startswith("-") else _named(text)
 
 
 def _named(text: str) -> float | str | None:
+    if code := _SEED.fullmatch(text):
+        return _DIRECTIONS.get(code[1])
     if text in _DIRECTIONS:
         return _DIRECTIONS[text]
     quadrant = _QUADRANT.fullmatch(text)
@@ -146,18 +157,12 @@ _FILLING = {
 }  # fmt: skip
 """Words of a component's name that say nothing of its direction."""
 _WORDS = {
-    "NORTHSOUTH": "NS", "EASTWEST": "EW", "UPDOWN": "UD", "NORTE": "N", "ESTE": "E", "NORD": "N", "EST": "E",
-    "OST": "E", "SUR": "S", "OESTE": "W", "AX": "X", "AY": "Y", "AZ": "Z", "LONGITUDINAL": "L", "LONG": "L",
-    "TRANSVERSE": "T", "TRANSVERSAL": "T", "TRAN": "T", "LON": "L", "VERTIKAL": "UP", "RADIAL": "H1", "R": "H1",
-    "NORTESUR": "NS", "ESTEOESTE": "EW", "OSTWEST": "EW", "NORDSÜD": "NS", "NORDSUD": "NS",
-    "ESTOUEST": "EW", "VERTICALE": "UP", "东西": "EW", "南北": "NS", "東西": "EW",
-    "竖向": "UD", "竖直": "UD", "垂直": "UD", "上下": "UD",
+    "AX": "X", "AY": "Y", "AZ": "Z", "LONGITUDINAL": "L", "LONG": "L", "LON": "L", "TRANSVERSE": "T",
+    "TRANSVERSAL": "T", "TRAN": "T", "RADIAL": "H1", "R": "H1",
 }  # fmt: skip
-"""Words and letters that people write for directions, beside those that every format knows."""
+"""Words and letters that people write for axes of unknown bearing."""
 _GLUED = re.compile(r"ACC(?:EL|ELERATION)?(?=(?:[XYZENUV123]|EW|NS|UD)$)")
 """Before a direction without anything between: AccX."""
-_CHANNEL_CODE = re.compile(r"[A-Z][GHLN][ENZ123]")
-"""SEED's: of a band, an accelerometer or seismometer, and a direction or number."""
 _HORIZONTALS = {"H1", "H2", "L", "T", "X", "Y"}
 """Names of horizontals that say nothing of their bearing."""
 
@@ -173,6 +178,6 @@ def label_of(name: str) -> str:
 
 def _known_label(bare: str) -> str:
     bare = _WORDS.get(bare, bare)
-    if bearing(bare) is not None or bare in _HORIZONTALS or re.fullmatch("[1-9]", bare):
-        return bare.lower()
-    return bare[-1].lower() if _CHANNEL_CODE.fullmatch(bare) else ""
+    if code := _SEED.fullmatch(bare):
+        return code[1].lower()
+    return bare.lower() if bearing(bare) is not None or bare in {*_HORIZONTALS, *"123456789"} else ""

@@ -3,6 +3,8 @@
 import math
 import re
 from collections.abc import Sequence
+from contextlib import suppress
+from datetime import UTC, datetime
 from itertools import takewhile
 
 import numpy as np
@@ -16,7 +18,7 @@ from toppling.models.motions.place import BOREHOLE, Place, place_in_words
 NAME = "COSMOS V0/V1/V2"
 _UNIT_CODES_M_S2 = {2: 9.80665, 4: 0.01, 7: 0.0254, 10: 0.01, 11: 0.980665}
 _COUNTS = 50
-_REALS = {"least bit": 22, "sensitivity": 42, "sensor gain": 47, "time step": 62}
+_REALS = {"least bit": 22, "start": 30, "sensitivity": 42, "sensor gain": 47, "time step": 62}
 """Numbers of the real header values that are read; the first three make acceleration of counts."""
 _UNKNOWN = -999
 _STRUCTURES = {
@@ -33,7 +35,7 @@ _BLOCK = re.compile(
 _COMMENTS = re.compile(r"^\s*(\d+)\s+Comment line", re.IGNORECASE)
 _COMMENT = re.compile(r"\s*\|")
 _DATA = re.compile(
-    r"^\s*(\d+)\s++(.*?)\bpts\b.*?units\s*=\s*(\S*?)\s*\(\s*(\d+)\s*\)\s*,?\s*"
+    r"^\s*(\d+)\s++(.*?)\bpts\b\D*(\d*).*?units\s*=\s*(\S*?)\s*\(\s*(\d+)\s*\)\s*,?\s*"
     r"Format\s*=?\s*\(\s*(?:\d+P\s*,?\s*)?(\d+)[FEIGD](\d+)",
     re.IGNORECASE,
 )
@@ -82,7 +84,7 @@ def _channel(file: RecordText, start: int) -> tuple[Component | None, int]:
             "no line with the number, the unit and the format of the samples",
             "a line such as '13400 acceleration pts, approx 67 secs, units=g.(02)Format=(8f9.6)'",
         )
-    count, width = int(data[1]), int(data[6])
+    count, width = int(data[1]), int(data[7])
     stop = next((i for i in range(at + 1, len(lines)) if _LAST.match(lines[i])), len(lines))
     if stop == len(lines) and len(file.numbers(at + 1, None, width)) != count:
         what = f"no 'End-of-data' after {count} samples: the file is truncated or the count is wrong"
@@ -90,7 +92,9 @@ def _channel(file: RecordText, start: int) -> tuple[Component | None, int]:
     if "accel" not in data[2].lower():
         return None, stop + 1
     found = file.counted(at, count, at + 1, stop, width)
-    factor, note = _factor(file, at, int(data[4]), data[3], reals)
+    step_s = file.positive(start, _real(reals, "time step") / 1000, "time step (real header 62)")
+    file.check_duration(at, float(data[3]) if data[3] else None, count, step_s, 1.0)
+    factor, note = _factor(file, at, int(data[5]), data[4], reals)
     scnl = first_found(_SCNL, notes)
     channel, magnitude = first_found(_CHANNEL, title), first_found(_MAGNITUDE, title[2:4])
     label = channel[1].strip() if channel else ""
@@ -98,7 +102,7 @@ def _channel(file: RecordText, start: int) -> tuple[Component | None, int]:
         at + 1,
         found,
         factor,
-        file.positive(start, _real(reals, "time step") / 1000, "time step (real header 62)"),
+        step_s,
         direction=_direction(label, integers, scnl[1] if scnl else ""),
         file_format=f"COSMOS V{int(integers[0])}",
         corrected=title[0].lower().startswith("corrected"),
@@ -108,6 +112,7 @@ def _channel(file: RecordText, start: int) -> tuple[Component | None, int]:
         magnitude=float(magnitude[1]) if magnitude else None,
         stated_peak_m_s2=stated_peak_m_s2(title),
         series=_after("Location:", title),
+        start_s=_start_s(integers, reals),
         place=_place(title, integers),
         notes=(note,) if note else (),
     ), stop + 1
@@ -161,6 +166,17 @@ def _direction(label: str, integers: NDArray[np.float64], scnl: str) -> float | 
     if code in (400, 401):
         return UP if code == 400 else DOWN
     return float(code % 360) if 0 < code <= 360 else None
+
+
+def _start_s(integers: NDArray[np.float64], reals: NDArray[np.float64]) -> float | None:
+    """Time of the first sample by integers 40 to 45 (year, day of the year, month, day, hour, minute) and real 30."""
+    seconds = _real(reals, "start")
+    if len(integers) < 45 or min(*integers[39:45], seconds) < 0:
+        return None
+    year, _, month, day, hour, minute = map(int, integers[39:45])
+    with suppress(ValueError):
+        return datetime(year, month, day, hour, minute, tzinfo=UTC).timestamp() + seconds
+    return None
 
 
 def _place(title: Sequence[str], integers: NDArray[np.float64]) -> Place:

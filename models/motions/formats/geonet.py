@@ -3,7 +3,7 @@
 import re
 
 from toppling.models.motions.formats.component import Component, bearing
-from toppling.models.motions.formats.record_text import Counted, RecordText, stated_peak_m_s2
+from toppling.models.motions.formats.record_text import Counted, RecordText, first_found, stated_peak_m_s2
 from toppling.models.motions.formats.units import counted_unit, known_names
 from toppling.models.motions.place import place_in_name
 
@@ -15,6 +15,8 @@ _ACROSS = 10
 """Number of samples in a line."""
 _COUNTS_AT = 33
 """Positions, from 0, of the integers that count the samples of acceleration, velocity and displacement."""
+_COMPONENT = re.compile(r"^\s*Component\s+([NS]\s*\d+\s*[EW]|\S+)", re.IGNORECASE)
+_DURATION = re.compile(r"^Number of points\s+\d+\s+Duration\s+(\d+\.?\d*)\s*s", re.IGNORECASE)
 _FIRST = re.compile(r"^\s*(Uncorrected|Corrected) accelerogram \d{8}_\d{6}", re.IGNORECASE)
 
 
@@ -52,13 +54,16 @@ def _channel(file: RecordText, start: int) -> tuple[Component, int]:
     step = re.search(r"(?:at intervals of|data at)\s+([\d.]+)\s*s", "\n".join(title))
     stated = re.search(r"readings in units of\s+([\d.]+\s+\S+)", "\n".join(title))
     unit = counted_unit(stated[1] if stated else "mm/s/s")
-    component = next((text.split()[1] for text in title if text.startswith("Component ")), "")
+    component = first_found(_COMPONENT, title)
     moment = re.search(r"\bMw?\s+(\d\.\d+)", title[8])
     distance = re.search(r"Dist\s+([\d.]+)\s*km", title[8])
     if not step or not component:
         what = "no time step or component in the header"
         expected = "'... at 0.020 sec intervals' and 'Component N28W'"
         file.refuse("record.header_missing", start + 10, what, expected)
+    step_s = file.positive(start + 10, float(step[1]), "time step")
+    lasts = first_found(_DURATION, title)
+    file.check_duration(start + 9, float(lasts[1]) if lasts else None, counts[0], step_s)
     if unit is None or unit.quantity != "acceleration":
         file.refuse("record.unit_unknown", start + 10, f"readings in units of {stated and stated[1]!r}",
             f"one of {known_names()}")  # fmt: skip
@@ -66,13 +71,13 @@ def _channel(file: RecordText, start: int) -> tuple[Component, int]:
         at,
         Counted(values),
         unit.factor,
-        file.positive(start + 10, float(step[1]), "time step"),
-        direction=bearing(component),
+        step_s,
+        direction=bearing(component[1]),
         file_format=f"GeoNet {'V2A' if kind[1].lower() == 'corrected' else 'V1A'}",
         corrected=kind[1].lower() == "corrected",
         event=title[7].strip(),
         station=title[1].split()[1] if len(title[1].split()) > 1 else "",
-        label=component,
+        label=component[1],
         place=place_in_name(title[2].strip()),
         magnitude=float(moment[1]) if moment else None,
         distance_km=float(distance[1]) if distance else None,

@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 from toppling.models.files.table import is_numeral
 from toppling.models.motions.formats.component import Component, bearing, code_direction
 from toppling.models.motions.formats.record_text import PRINTED_TIME_S, Counted, RecordText
-from toppling.models.motions.formats.units import acceleration_m_s2
+from toppling.models.motions.formats.units import acceleration_m_s2, counted_unit
 from toppling.models.motions.place import at_depth, place_in_name
 
+_PROCESSED = {**dict.fromkeys(("", "none", "raw"), False), **dict.fromkeys(("manual", "automatic"), True)}
+"""First words of ESM's PROCESSING, and whether the agency has corrected the record then."""
 _UNAM_SAMPLES = re.compile(r"DATOS DE ACELERACION\s*(?::|$)")
 
 
@@ -48,7 +50,7 @@ class esm:  # noqa: N801  (a reader, as the modules are)
             file.refuse("record.unit_unknown", 0, f"UNITS is {header.get('UNITS')!r}", "cm/s^2")
         step = _number(file, header, "SAMPLING_INTERVAL_S")
         count = int(_number(file, header, "NDATA"))
-        _refuse_other_duration(file, _optional(header.get("DURATION_S")), count, step)
+        file.check_duration(0, _optional(header.get("DURATION_S")), count, step)
         found = file.counted(0, count, first)
         peak_cm_s2 = _optional(header.get("PGA_CM/S^2"))
         stream = header.get("STREAM", "")
@@ -60,7 +62,7 @@ class esm:  # noqa: N801  (a reader, as the modules are)
                 file.positive(0, step, "SAMPLING_INTERVAL_S"),
                 direction=code_direction(stream[-1:]),
                 file_format=esm.NAME,
-                corrected=header.get("PROCESSING", "").lower() not in {"", "none"},
+                corrected=_PROCESSED.get(re.split(r"\W", header.get("PROCESSING", "").lower())[0]),
                 stated_unit_m_s2=unit,
                 place=at_depth(_optional(header.get("SENSOR_DEPTH_M")) or 0.0),
                 event=header.get("EVENT_ID") or header.get("EVENT_NAME", ""),
@@ -104,9 +106,11 @@ class unam:  # noqa: N801
         labels = _slashed(header, "ORIENTACION C1-C6 (rumbo;orientacion)")
         steps = _slashed(header, "INTERVALO DE MUESTREO, C1-C6 (s)")
         counts = _slashed(header, "NUM. TOTAL DE MUESTRAS, C1-C6")
-        if not labels or not (len(labels) == len(steps) == len(counts)):
-            what = f"{len(labels)} orientations, {len(steps)} time steps, {len(counts)} counts"
-            file.refuse("record.channels_contradicted", 0, what, "one of each for every channel")
+        if not labels or not (len(labels) == len(steps) == len(counts)) or len({*counts}) > 1:
+            what = f"{len(labels)} orientations, {len(steps)} time steps, counts {', '.join(counts)}"
+            file.refuse(
+                "record.channels_contradicted", 0, what, "one of each for every channel, and one count"
+            )
         words = ((i, lines[i].replace(",", ".").split()) for i in range(at + 1, len(lines)))
         first = next((i for i, row in words if row and all(map(is_numeral, row))), len(lines))
         count = int(RecordText(file.path, [counts[0]]).numbers(0)[0])
@@ -115,14 +119,17 @@ class unam:  # noqa: N801
             file.refuse("record.row_wrong_length", first,
                 f"{len(found.values)} numbers of {len(labels)} channels", "whole rows")  # fmt: skip
         table = found.values.reshape(-1, len(labels))
+        steps_s = [float(RecordText(file.path, [text]).numbers(0)[0]) for text in steps]
+        for step_s, text in zip(steps_s, _slashed(header, "DURACION DEL REGISTRO (s), C1-C6"), strict=False):
+            file.check_duration(0, _optional(text), count, step_s)
         peaks = [_optional(text) for text in _slashed(header, "ACEL. MAX.(Gal), C1-C6")]
-        moment = re.search(r"M\w*\s*=\s*(\d\.\d+)", header.get("MAGNITUD(ES)", ""))
+        moment = re.search(r"\bMw?\s*=\s*(\d\.\d+)", header.get("MAGNITUD(ES)", ""), re.IGNORECASE)
         return [
             file.channel(
                 first,
                 replace(found, values=table[:, channel]),
                 unit,
-                file.positive(0, float(RecordText(file.path, [steps[channel]]).numbers(0)[0]), "time step"),
+                file.positive(0, steps_s[channel], "time step"),
                 direction=bearing(label),
                 file_format=unam.NAME,
                 corrected=False,
@@ -158,7 +165,8 @@ class cwb:  # noqa: N801
         }
         found = re.findall(r"(Time)|([UNE])\(([+-])\)", header.get("DataSequence", ""))
         order, signs = [time or letter for time, letter, _ in found], [sign for *_, sign in found]
-        if sorted(order) != ["E", "N", "Time", "U"] or "gal" not in header.get("AmplitudeUnit", "").lower():
+        unit = counted_unit(re.split(r"[.;]?\s+DC", header.get("AmplitudeUnit", ""))[0])
+        if sorted(order) != ["E", "N", "Time", "U"] or unit is None or unit.quantity != "acceleration":
             what = f"DataSequence {header.get('DataSequence')!r} in {header.get('AmplitudeUnit')!r}"
             file.refuse("record.layout_unknown", 0, what, "Time U(+); N(+); E(+) in gal")
         first = max(i for i, line in enumerate(lines) if line.startswith("#")) + 1
@@ -177,7 +185,7 @@ class cwb:  # noqa: N801
             file.channel(
                 first,
                 Counted(table[:, column]),
-                float(f"{sign}0.01"),
+                float(f"{sign}1") * unit.factor,
                 1 / rate,
                 direction=bearing(letter),
                 file_format=cwb.NAME,
@@ -186,27 +194,19 @@ class cwb:  # noqa: N801
                 station=header.get("StationCode", ""),
                 label=letter,
                 magnitude=_optional(magnitude),
-                stated_peak_m_s2=_cwb_peak_m_s2(header.get(f"AmplitudeMAX.{letter}", "")),
+                stated_peak_m_s2=_cwb_peak(header.get(f"AmplitudeMAX.{letter}", ""), unit.factor),
             )
             for column, (letter, sign) in enumerate(zip(order, signs, strict=True))
             if sign
         ]
 
 
-def _cwb_peak_m_s2(extremes: str) -> float | None:
-    """Size of the larger of '4.094~ -4.353' gal; None where there are not two."""
-    gal = [_optional(text.strip()) for text in extremes.split("~")]
-    return 0.01 * max(abs(value) for value in gal if value is not None) if None not in gal else None
-
-
-def _refuse_other_duration(file: RecordText, duration_s: float | None, count: int, step_s: float) -> None:
-    """Refuse a duration that is not that of the samples: one of step, count and duration is wrong."""
-    if duration_s is None or abs(count * step_s - duration_s) <= 0.01 * duration_s + 2 * step_s:
-        return
-    what = f"{count} samples at {step_s:g} s last {count * step_s:g} s, and DURATION_S is {duration_s:g}"
-    remedy = "correct SAMPLING_INTERVAL_S, NDATA or DURATION_S, or fetch the file again"
-    file.refuse("record.duration_contradicted", 0, what,
-        "a duration that is the number of samples by their time step", remedy)  # fmt: skip
+def _cwb_peak(extremes: str, unit_m_s2: float) -> float | None:
+    """Size of the larger of '4.094~ -4.353' in m/s2; None where there are not two."""
+    values = [_optional(text.strip()) for text in extremes.split("~")]
+    return (
+        unit_m_s2 * max(abs(value) for value in values if value is not None) if None not in values else None
+    )
 
 
 def _refuse_gap(file: RecordText, first: int, time: NDArray[np.float64], step: float) -> None:

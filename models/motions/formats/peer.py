@@ -5,22 +5,21 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from toppling.models.files.table import is_numeral
-from toppling.models.motions.formats.component import Component, bearing, code_direction
+from toppling.models.motions.formats.component import Component, bearing
 from toppling.models.motions.formats.record_text import RecordText
-from toppling.models.motions.formats.units import acceleration_m_s2
+from toppling.models.motions.formats.units import UNITS_S, acceleration_m_s2
 
 NAME = "PEER AT2"
 _COUNT = re.compile(r"NPTS\s*+(?:[=:]\s*+)?(\d+)", re.IGNORECASE)
 _STEP = re.compile(
-    r"DT\s*+(?:[=:]\s*+)?([-+]?(?:[0-9]++(?:[.,][0-9]+)?|[.,][0-9]+)(?:[EeDd][-+]?[0-9]+)?)", re.IGNORECASE
+    r"DT\s*+(?:[=:]\s*+)?([-+]?(?:[0-9]++(?:[.,][0-9]+)?|[.,][0-9]+)(?:[EeDd][-+]?[0-9]+)?)\s*([a-z]*)",
+    re.IGNORECASE,
 )
 _BARE = re.compile(r"^\s*(\d+)(?:\s*,\s*|\s+)(\d*\.\d+(?:[EeDd][-+]?\d+)?)\s*$")
 _SERIES = re.compile(r"\b(?:ACCELERATION|VELOCITY|DISPLACEMENT)\b.*\bUNITS?\b", re.IGNORECASE)
 _HEADER_LINES = 8
 """Number of lines that are searched for the title of the series; four are usual."""
 _UNIT = re.compile(r"\bUNITS?(?:\s+OF\b|\s*[:=])\s*(\S+)", re.IGNORECASE)
-_SEED = re.compile(r"[A-Z][GHLN]([ENZ123])(?:[._ ]?(?:\d\w|--))?")
-"""NGA-East's labels: a channel's code, and its location behind it."""
 _DATE = re.compile(r"(?<!\d)\d+[/.-]\d+[/.-]\d+")
 _AGENCY = re.compile(r"(?<!\s)\s*\([^()]*\)\s*$")
 _OLD = re.compile(r"^\s*(\d+)\s+([0-9.EeDd+-]+)\s+NPTS\s*,\s*DT", re.IGNORECASE)
@@ -59,7 +58,7 @@ def read(file: RecordText) -> list[Component]:
             found,
             unit,
             step,
-            direction=_direction(label),
+            direction=bearing(label),
             file_format=NAME,
             corrected=True,
             stated_unit_m_s2=unit,
@@ -76,23 +75,25 @@ def _series_line(lines: Sequence[str]) -> int | None:
     return next((n for n, line in enumerate(lines[:_HEADER_LINES]) if _SERIES.search(line)), None)
 
 
-def _numbers_of(line: str) -> tuple[str | None, str | None] | None:
-    """Number of samples and time step as a line has them; None if it has neither."""
+def _numbers_of(line: str) -> tuple[str, str, str] | None:
+    """Number of samples, time step and its unit as a line has them, empty where missing; None if it has neither."""
     if both := _OLD.match(line) or _BARE.match(line):
-        return both[1], both[2]
+        return both[1], both[2], ""
     count, step = _COUNT.search(line), _STEP.search(line)
-    return (count and count[1], step and step[1]) if count or step else None
+    if not (count or step):
+        return None
+    return count[1] if count else "", step[1] if step else "", step[2] if step else ""
 
 
 def _count_and_step(file: RecordText, at: int) -> tuple[int, float]:
-    count, step = _numbers_of(file.lines[at]) or (None, None)
-    number = (step or "").upper().replace("D", "E").replace(",", ".")
-    if count is None or not is_numeral(number):
+    count, step, unit = _numbers_of(file.lines[at]) or ("", "", "")
+    number = step.upper().replace("D", "E").replace(",", ".")
+    if not count or not is_numeral(number):
         what = f"{file.lines[at].strip()[:60]!r} has no readable count and time step"
         remedy = "write NPTS and DT into this line, or fetch the file again"
         file.refuse("record.header_unreadable", at, what, "a line such as 'NPTS=  5437, DT= .0050 SEC'",
             remedy)  # fmt: skip
-    return int(count), file.positive(at, float(number), "time step")
+    return int(count), file.positive(at, float(number) * UNITS_S.get(unit.lower(), 1.0), "time step")
 
 
 def _title(line: str) -> tuple[str, str, str]:
@@ -107,12 +108,6 @@ def _title(line: str) -> tuple[str, str, str]:
     event = parts[:at] if _DATE.fullmatch(parts[at]) else parts[: at + 1]
     behind = parts[at + 1 :]
     return ", ".join(event), ", ".join(behind[:-1]), behind[-1] if behind else ""
-
-
-def _direction(label: str) -> float | str | None:
-    """Direction of a component's label, which is a bearing, a word or a channel's code."""
-    code = _SEED.fullmatch(label.upper())
-    return code_direction(code[1]) if code else bearing(label)
 
 
 def _series(path: Path) -> str:

@@ -12,11 +12,7 @@ from numpy.typing import NDArray
 
 from toppling.models.files.given import LONGEST_NAME, TextFile
 from toppling.models.files.table import is_numeral
-from toppling.models.motions.formats.component import (
-    Component,
-    check_time_step,
-    refuse_file,
-)
+from toppling.models.motions.formats.component import Component, check_time_step, refuse_file
 from toppling.models.motions.formats.units import UNITS_S, acceleration_m_s2
 
 SURPLUS_SHARE = 0.01
@@ -137,7 +133,7 @@ class RecordText(TextFile):
         stop = start - (-count // across)
         return self.exactly(at, self.numbers(start, stop, width), count), stop
 
-    def exactly(self, at: int, values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+    def exactly(self, at: int, values: NDArray[np.float64], count: float) -> NDArray[np.float64]:
         """Values, if they are as many as a line of the header says.
 
         Raises InputError if there are fewer (a truncated file) or more.
@@ -146,12 +142,26 @@ class RecordText(TextFile):
             self._refuse_count(at, len(values), count)
         return values
 
-    def _refuse_count(self, at: int, found: float, count: int) -> NoReturn:
+    def check_duration(
+        self, at: int, stated_s: float | None, count: int, step_s: float, printed_s: float = 0.0
+    ) -> None:
+        """Refuse a duration that is not that of the samples: one of step, count and duration is wrong.
+
+        printed_s: last digit of the duration as it is printed.
+        """
+        if stated_s is None or abs(count * step_s - stated_s) <= 0.01 * stated_s + 2 * step_s + printed_s:
+            return
+        self.refuse("record.duration_contradicted", at,
+            f"{count} samples at {step_s:g} s last {count * step_s:g} s, and {stated_s:g} s by the header",
+            "a duration that is the number of samples by their time step",
+            "correct the time step, the count or the duration, or fetch the file again")  # fmt: skip
+
+    def _refuse_count(self, at: int, found: float, count: float) -> NoReturn:
         end, remedy = "", "correct the count in the header"
         if found < count:
             end, remedy = ": the file is truncated", "fetch the file again"
-        what = f"{found:.10g} samples follow where the header counts {count}{end}"
-        self.refuse("record.count_contradicted", at, what, f"{count} samples", remedy)
+        what = f"{found:.10g} samples follow where the header counts {count:.10g}{end}"
+        self.refuse("record.count_contradicted", at, what, f"{count:.10g} samples", remedy)
 
     def counted(
         self,
@@ -232,6 +242,14 @@ class RecordText(TextFile):
             missing=found.missing,
             **{"warnings": found.warnings} | stated,
         )
+
+
+def round_step(step: float, error: float) -> float:
+    """Roundest step within an error: of a few decimals, else of a whole number a second, else of nine decimals."""
+    rounded = (round(step, digits) for digits in range(1, 5))
+    few = next((value for value in rounded if abs(value - step) <= error), 0.0)
+    rate = round(1 / step) or 1
+    return few if few > 0 else 1 / rate if abs(1 / rate - step) <= error else round(step, 9)
 
 
 def first_found(pattern: re.Pattern[str], lines: Sequence[str]) -> re.Match[str] | None:

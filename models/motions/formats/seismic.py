@@ -34,8 +34,6 @@ FORMATS = ("MSEED", "SAC", "KINEMETRICS_EVT", "KNET")
 formats whose files name others to be read (CSS, Q)."""
 _KNET_DURATION_AT = 11
 """Line of the duration in K-NET's header, from 0."""
-_MOST_SAMPLES = 10**9
-"""Maximum number of samples of a trace."""
 _NO_HEIGHT_M = -9999.0
 """K-NET's height of a station that is not known."""
 _SAC_QUANTITIES = {5: "unknown", 6: "displacement", 7: "velocity", 8: "acceleration", 50: "volts"}
@@ -202,8 +200,8 @@ def _component(trace: Any, messages: tuple[str, ...], path: Path, inventory: Any
     check_samples(values, stats.channel, str(path))  # before a removed response spreads what is not finite
     own = stats.get("knet") or stats.get("sac") or {}
     if "duration" in own:
-        file = RecordText(path, ())
-        file.exactly(_KNET_DURATION_AT, values, _counted(file, float(own["duration"]), stats.sampling_rate))
+        counted = round(float(own["duration"]) * stats.sampling_rate, 3)
+        RecordText(path, ()).exactly(_KNET_DURATION_AT, values, counted)
     found = _in_m_s2(trace, values, inventory, path)
     direction, contradiction = _direction(stats, inventory)
     height_m = float(own.get("stel", _NO_HEIGHT_M))
@@ -242,15 +240,6 @@ def _place(stats: Any, inventory: Any | None) -> Place:
             depth = at_depth(float(station[0].depth or 0.0))
             return place_in_name(station.site.name or "") if depth.free_field else depth
     return at_depth(float((stats.get("sac") or {}).get("stdp", 0.0)))
-
-
-def _counted(file: RecordText, duration_s: float, rate_hz: float) -> int:
-    """Samples that K-NET's header announces: its files lack the end, or lines in between, where there are others."""
-    count = duration_s * rate_hz
-    if not 0 < count < _MOST_SAMPLES:
-        what = f"the header's duration is {duration_s:g} s"
-        file.refuse("record.duration_contradicted", _KNET_DURATION_AT, what, "the duration of the samples")
-    return round(count)
 
 
 def _series(stats: Any) -> str:

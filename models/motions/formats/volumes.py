@@ -15,6 +15,7 @@ from toppling.models.motions.formats.record_text import (
     RecordText,
     column_width,
     first_found,
+    round_step,
     stated_peak_m_s2,
 )
 from toppling.models.motions.formats.units import acceleration_m_s2
@@ -134,6 +135,9 @@ def _equally_spaced(file: RecordText, heading: int) -> tuple[Counted, float, flo
     form = _FORTRAN.search(text)
     width = max(int(form[2]), 1) if form else (column_width(file.lines[first:stop]) or (8, 9))[1]
     found = file.counted(heading, int(match[1]), first, stop, width)
+    stated = next((text for text in file.lines[:heading] if _COUNT.search(text)), "")
+    if length := _LENGTH.search(stated):  # of as many points, which a corrected record's is not
+        file.check_duration(heading, float(length[1]), int(match[1]), step)
     return found, factor, file.positive(heading, step, "time step")
 
 
@@ -152,7 +156,7 @@ def _headed_by_count(file: RecordText) -> tuple[Counted, float, tuple[str, ...]]
         length = _LENGTH.search(lines[at])
         found = file.counted(at, count, _HEADER_LINES, None, _BHRC_WIDTH)
         step = file.positive(at, float(length[1]) / max(count, 1) if length else 0.0, "time step")
-        return found, round(step, 6), ()
+        return found, round_step(step, step / max(count - 1, 1)), ()  # some count the intervals
     file = replace(file, lines=[*lines[:_HEADER_LINES], *_uncontrolled(lines[_HEADER_LINES:])])
     if len(file.numbers(_HEADER_LINES, None, _PAIR_WIDTH)) % 2:
         what = "a time without an acceleration at the end: the file is truncated"

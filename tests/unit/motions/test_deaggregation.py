@@ -159,16 +159,13 @@ def ensemble(tmp_path_factory):
 @pytest.mark.parametrize(
     ("choice", "ids"),
     [
-        (Choice(), ["A1", "A2", "A3", "B1", "C1"]),
-        (Choice(magnitude=(6.0, 7.0)), ["A1", "A2", "A3"]),
-        (Choice(distance_km=(0.0, 10.0)), ["A1", "A2", "C1"]),
-        (Choice(event="event b"), ["B1"]),
+        (Choice(), ["A1", "A2", "A3", "B1", "C1"]), (Choice(magnitude=(6.0, 7.0)), ["A1", "A2", "A3"]),
+        (Choice(distance_km=(0.0, 10.0)), ["A1", "A2", "C1"]), (Choice(event="event b"), ["B1"]),
         (Choice(components=3), ["A1", "A2", "A3", "B1"]),
         (Choice(quality=("corrected", "processed")), ["A1", "A2", "A3", "C1"]),
-        (Choice(most_per_event=1), ["A2", "B1", "C1"]),
-        (Choice(most_per_event=2), ["A1", "A2", "B1", "C1"]),
+        (Choice(most_per_event=1), ["A2", "B1", "C1"]), (Choice(most_per_event=2), ["A1", "A2", "B1", "C1"]),
     ],
-)
+)  # fmt: skip
 def test_records_are_chosen(ensemble, choice, ids):
     assert select(ensemble, choice)[0] == ids
 

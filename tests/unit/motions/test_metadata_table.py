@@ -34,12 +34,8 @@ ENTRIES = {
 }  # fmt: skip
 """Tables of one row, and what it states: all else is unknown."""
 UNKNOWN = {
-    "h1_azimuth_deg": None,
-    "h2_azimuth_deg": None,
-    "corner_hz": None,
-    "magnitude": None,
-    "distance_km": None,
-}
+    "h1_azimuth_deg": None, "h2_azimuth_deg": None, "corner_hz": None, "magnitude": None, "distance_km": None,
+}  # fmt: skip
 
 REFUSED = {
     **{

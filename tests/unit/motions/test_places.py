@@ -33,16 +33,12 @@ def left_out_at(outcome, place):
 @pytest.mark.parametrize(
     ("text", "place"),
     [
-        ("Downhole - Depth 100 ft", Place(30.48)),
-        ("44 m below ground surface", Place(44.0)),
-        ("Left Abutment", Place(0.0, "on the abutment of a dam or bridge")),
-        ("1st Floor, East wall", FREE_FIELD),
-        ("Deck, midspan", Place(0.0, "on a bridge")),
-        ("Free-field near left abutment", FREE_FIELD),
-        ("building location description", None),
-        ("", None),
+        ("Downhole - Depth 100 ft", Place(30.48)), ("44 m below ground surface", Place(44.0)),
+        ("Left Abutment", Place(0.0, "on the abutment of a dam or bridge")), ("1st Floor, East wall", FREE_FIELD),
+        ("Deck, midspan", Place(0.0, "on a bridge")), ("Free-field near left abutment", FREE_FIELD),
+        ("building location description", None), ("", None),
     ],
-)
+)  # fmt: skip
 def test_a_sensors_location_is_understood_by_its_words(text, place):
     assert place_in_words(text) == place_in_words(text.upper()) == place
 
@@ -51,6 +47,7 @@ def test_a_sensors_location_is_understood_by_its_words(text, place):
     ("name", "free"),
     [
         ("CA:Alhambra;LACPW, 12th Fl", False), ("Hollywood Storage Bldg Basement", False),
+        ("CIRES Pozo 30 m", False), ("EDIFICIO X, SÓTANO", False),
         ("Millikan Library - Roof", False), ("Treasure Island Downhole", False),
         ("Long Valley Dam (crest of dam)", False), ("Roofing Road", True), ("Basement Road", True),
         ("Dam Road", True), ("Crest Drive School", True), ("Carbon Canyon Dam", True),
@@ -137,6 +134,9 @@ STATED = [
     (instead("geonet_v2a", "\nFarm\n", "\nRoofing Road\n"), None),
     (instead("columns", "", "Sensor location: roof\nunits: m/s2\n"), ROOF),
     (instead("columns", "", "Sensor depth: 30 m\nunits: m/s2\n"), "30 m below the surface"),
+    (instead("columns", "", "# Location: borehole 30 m\n# Depth: 9 km\n"), "30 m below the surface"),
+    (instead("columns", "", "# Depth: 30 m\n"), "30 m below the surface"),
+    (instead("columns", "", "# Depth: 9 km\n# Instrument: K2, ground floor\n"), None),
 ]  # fmt: skip
 """What each format says of its sensor's place in its own way, and what is understood; None of the free field."""
 
@@ -152,13 +152,11 @@ def test_a_place_that_a_header_states_is_left_out_unless_any_is_asked_for(said, 
 @pytest.mark.parametrize(
     ("depth_m", "site", "what"),
     [
-        (0.0, "", None),
-        (1.5, "Roofing Road", None),
-        (150.0, "", "150 m below the surface"),
+        (0.0, "", None), (1.5, "Roofing Road", None), (150.0, "", "150 m below the surface"),
         (-30.0, "", "sensor 30 m above the ground"),
         (0.0, "VA Hospital, 5th Floor", "sensor on floor 5 of a building"),
     ],
-)
+)  # fmt: skip
 def test_stationxml_states_the_depth_of_a_channel_or_a_place_in_its_sites_name(tmp_path, depth_m, site, what):
     WRITERS["miniseed"](tmp_path, shaking())
     (path,) = tmp_path.glob("*.xml")

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from toppling.models.arrays import Array
 from toppling.models.motions.measures import COMPARED, MEASURES
-from toppling.results.analysis.fragility import effective_records, wilson
+from toppling.results.analysis.fragility import trials, wilson
 from toppling.results.analysis.lognormal import (
     LEAST_RECORDS,
     NEAR_TIE,
@@ -131,7 +131,7 @@ def calibration(frame: pd.DataFrame, predicted: pd.Series) -> pd.DataFrame:
 
 
 def observed_fractions(frame: pd.DataFrame, measure: str, bins: int = 12) -> pd.DataFrame:
-    """Fraction of jobs that topple in bins of equally many jobs along a measure, with Wilson's interval by records.
+    """Fraction of jobs that topple in bins of equally many jobs along a measure, with Wilson's interval by `trials`.
 
     Returns DataFrame: one row a bin: value (geometric mean), probability, wilson_low, wilson_high, jobs, records.
     """
@@ -142,10 +142,12 @@ def observed_fractions(frame: pd.DataFrame, measure: str, bins: int = 12) -> pd.
 def _binned_fractions(frame: pd.DataFrame, value: pd.Series, bins: int) -> pd.DataFrame:
     """Mean value and fraction toppled in bins of equally many jobs, each job weighted by its record's weight.
 
-    Records are weighted as in the fit that they are compared with. Wilson's trials are Kish's effective number.
+    Records are weighted as in the fit that they are compared with.
     """
     place = ((value.rank(method="average") - 0.5) * bins / max(1, len(value))).astype(int)
-    jobs = frame.assign(value=value, bin=place, weight=frame.get("record_weight", 1.0))
+    jobs = frame.assign(
+        value=value, bin=place, weight=frame.get("record_weight", 1.0), independent=earthquakes(frame)
+    )
     grouped = jobs.assign(
         value=jobs["weight"] * value, toppled=jobs["weight"] * jobs["toppled"].astype(float)
     ).groupby("bin")
@@ -156,7 +158,7 @@ def _binned_fractions(frame: pd.DataFrame, value: pd.Series, bins: int) -> pd.Da
         "jobs": grouped.size(),
         "records": grouped["record_id"].nunique(),
     })  # fmt: skip
-    table["wilson_low"], table["wilson_high"] = wilson(table["probability"], effective_records(jobs, ["bin"]))
+    table["wilson_low"], table["wilson_high"] = wilson(table["probability"], trials(jobs, ["bin"]))
     return table.reset_index(drop=True)
 
 

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from refusals import refused
+from scipy.special import ndtr
 from seeded import row, rows
 
 from toppling.models.motions.quality import is_beyond
@@ -22,6 +23,7 @@ from toppling.results.analysis.fragility import (
     cells,
     direction_bin_deg,
     planes_of,
+    trials,
     unplaced,
     wilson,
 )
@@ -65,6 +67,22 @@ def test_wilson_intervals_agree_with_the_closed_form():
     z2 = 1.959964**2
     np.testing.assert_allclose(low, [0.20766, 0.0, np.nan], atol=1e-5)
     np.testing.assert_allclose(high, [0.93851, z2 / (10 + z2), np.nan], atol=1e-5)
+
+
+@pytest.mark.parametrize("of_event", [0.0, 0.5])
+def test_intervals_of_cells_hold_the_truth_whatever_records_of_one_earthquake_share(of_event):
+    random, levels, held = np.random.default_rng(4), np.array([-0.3, 0.0, 0.4]), []
+    for _ in range(150):
+        event = np.repeat(np.arange(12), 1 + random.geometric(0.3, 12))
+        threshold = np.sqrt(0.7 * of_event) * random.normal(size=12)[event]
+        threshold += np.sqrt(0.7 - 0.7 * of_event) * random.normal(size=len(event))
+        of_jobs = threshold[:, None, None] + np.sqrt(0.3) * random.normal(size=(len(event), 3, 1))
+        unit, _, cell = np.indices((len(event), 3, 3)).reshape(3, -1)
+        jobs = pd.DataFrame({"independent": event[unit], "cell": cell, "weight": 1.0})
+        jobs["toppled"] = (levels > of_jobs).ravel().astype(float)
+        low, high = wilson(jobs.groupby("cell")["toppled"].mean(), trials(jobs, ["cell"]))
+        held.append((low <= ndtr(levels)) & (ndtr(levels) <= high))
+    assert 0.9 < np.mean(held) < 0.98
 
 
 def test_copies_of_one_record_do_not_narrow_the_interval(hand_made):

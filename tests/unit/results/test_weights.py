@@ -22,7 +22,6 @@ from toppling.orchestrator.recorded import SHAKES, Recorded
 from toppling.orchestrator.studies import conditioning
 from toppling.orchestrator.studies.conditioning import by_evidence, joined, weights_by_contact
 from toppling.results.analysis.fits import answered
-from toppling.results.analysis.fragility import effective_records
 from toppling.results.analysis.lognormal import fit
 from toppling.results.reader import open_run
 from toppling.results.store import write_part
@@ -87,12 +86,6 @@ def test_jobs_of_one_record_and_measure_on_unlike_bases_count_each_by_its_weight
     assert fit(answered(nearly_one), ["pgv_m_s"]).coefficients == pytest.approx(
         fit(answered(frame), ["pgv_m_s"]).coefficients, rel=1e-4
     )
-
-
-def test_weights_within_records_leave_the_number_of_records_as_it_is():
-    frame = weighted_rows(on_bases(records=10), weights_of(1.9, 0.1)).assign(pool=0)
-    effective = effective_records(frame.assign(weight=frame["record_weight"]), ["pool"])
-    assert effective.iloc[0] == pytest.approx(10.0)
 
 
 def test_weights_of_bases_and_of_records_are_multiplied_and_come_apart_again():

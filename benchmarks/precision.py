@@ -53,7 +53,7 @@ def synthetic(
     )  # fmt: skip
     deviation = sum(math.sqrt(share) * random.normal(size=size) for share, size in parts)
     toppled = (log_x[:, None, :] > math.log(MEDIAN_M_S) + beta * deviation).ravel()
-    pool = Pool(np.arange(toppled.size).reshape(shape), {"pgv_m_s": log_x})
+    pool = Pool(np.arange(toppled.size).reshape(shape), {"pgv_m_s": log_x}, shape[0])
 
     def ask(chosen: NDArray[np.int64]) -> dict[str, Answers]:
         record, _, level = np.unravel_index(chosen, shape)
@@ -76,7 +76,7 @@ def finished(frame: pd.DataFrame) -> tuple[Pool, Ask]:
     def ask(chosen: NDArray[np.int64]) -> dict[str, Answers]:
         return answers_of(jobs.iloc[chosen], list(ids[chosen]), LEVEL_MEASURES, records)
 
-    return Pool(rows, log_x), ask
+    return Pool(rows, log_x, len(rows)), ask
 
 
 def curve_of(answers: Answers) -> Curve:

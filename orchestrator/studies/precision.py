@@ -17,7 +17,7 @@ from toppling.orchestrator.campaign import Campaign, TargetSpec
 from toppling.orchestrator.journal import log_event
 from toppling.orchestrator.plan import Plan, Rows
 from toppling.orchestrator.run_folder import set_jobs
-from toppling.results.analysis.lognormal import earthquakes
+from toppling.results.analysis.lognormal import EVENT_SHARE, earthquakes
 from toppling.results.analysis.resampling import narrowed_by
 from toppling.results.precision.design import Pool, Rounds, Target, statement_of, write_statements
 from toppling.results.precision.probit import answers_of
@@ -142,13 +142,17 @@ class JobsForPrecision:
 def borne_words(campaign: Campaign) -> str:
     """Remark on the precision that a campaign's records support a priori, and when its run ends; empty if unknown."""
     assert campaign.precision is not None
-    records = len(campaign.records or Ensemble.load(campaign.ensemble).record_ids)
-    borne = _target_of(campaign.target or TargetSpec()).borne_by(records)
+    catalog = Ensemble.load(campaign.ensemble).catalog.to_pandas()
+    of_records = earthquakes(catalog[catalog["record_id"].isin(campaign.records or catalog["record_id"])])
+    records, shares = len(of_records), of_records.value_counts(normalize=True)
+    worth = 1.0 / (EVENT_SHARE * float((shares**2).sum()) + (1.0 - EVENT_SHARE) / max(records, 1))
+    borne = _target_of(campaign.target or TargetSpec()).borne_by(worth)
     if borne is None:
         return ""
     asked = f"±{100 * campaign.precision:.2g} %"
     ends = asked if borne <= campaign.precision else f"what they bear, and {asked} may need more of them"
-    return f"{counted(records, 'record')} bear about ±{100 * borne:.2g} % at a usual beta: the run ends at {ends}"
+    of = "" if len(shares) == records else f" of {len(shares)} earthquakes"
+    return f"{counted(records, 'record')}{of} bear about ±{100 * borne:.2g} % at a usual beta: the run ends at {ends}"
 
 
 def _target_of(asked: TargetSpec) -> Target:

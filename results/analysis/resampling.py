@@ -4,7 +4,6 @@ import math
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -24,12 +23,15 @@ from toppling.results.analysis.lognormal import (
     grouped,
     groups_separable,
     is_flat,
+    probit_weights,
     scored,
 )
 from toppling.results.weights import records_weight
 
 _CORRELATION = (np.arange(40) + 0.5) ** 2 / 40.0**2
 """Grid of values of c, equally likely a priori: a uniform prior of the standard deviation of u."""
+_SPREAD = np.sqrt(_CORRELATION / (1.0 - _CORRELATION))
+"""Standard deviation of u in those of a curve on one base."""
 _NORMAL = np.linspace(-4.0, 4.0, 161)
 """Standard normal deviates that u is integrated over."""
 _SCORES = np.linspace(-6.0, 6.0, 121)
@@ -41,26 +43,24 @@ class BaseSpread:
     """Posterior of the variation between bases."""
 
     chance: Array  # (40,): posterior probability of each correlation of the grid
-    bases: int  # number of bases that the jobs are on
     effective: float  # effective number of bases, by their weights
+    within: float  # spread of the curve on one base, as a share of that of the curve of all
+
+    @property
+    def _of_new(self) -> Array:
+        """Standard deviation of u for a new base, with the error of the mean over the bases of the jobs."""
+        return self.within * _SPREAD * math.sqrt(1.0 + 1.0 / self.effective)
 
     @property
     def half_width(self) -> float:
-        """Half of the 95 % interval of u for a new base, with the error of the mean over the bases of the jobs."""
-        spread = np.sqrt(_CORRELATION * (1.0 + 1.0 / self.effective))
-        return float(brentq(lambda u: self.chance @ ndtr(u / spread) - 0.975, 0.0, 10.0))
+        """Half of the 95 % interval of u for a new base."""
+        return float(brentq(lambda u: self.chance @ ndtr(u / self._of_new) - 0.975, 0.0, 50.0))
 
-    def drawn(self, count: int, random: np.random.Generator) -> tuple[Array, Array]:
-        """Shift u of the score and sqrt(1 - c), (count,) each, of new bases.
-
-        Both are stratified over their distributions, so that few draws represent them.
-        """
+    def drawn(self, count: int, random: np.random.Generator) -> Array:
+        """Shift u (count,) of the score on new bases, stratified, so that few draws represent its distribution."""
         even = random.permuted(np.tile((np.arange(count) + 0.5) / max(count, 1), (2, 1)), axis=1)
-        correlation = _CORRELATION[
-            np.searchsorted(self.chance.cumsum(), even[0]).clip(max=len(_CORRELATION) - 1)
-        ]
-        spread = np.sqrt(correlation * (1.0 + 1.0 / self.effective))
-        return spread * ndtri(even[1]), np.sqrt(1.0 - correlation)
+        place = np.searchsorted(self.chance.cumsum(), even[0]).clip(max=len(_SPREAD) - 1)
+        return self._of_new[place] * ndtri(even[1])
 
 
 def base_spread(jobs: pd.DataFrame, score: Array) -> BaseSpread | None:
@@ -97,24 +97,26 @@ def spread_of(
     counts = np.zeros((2, len(of_base), len(_SCORES)))
     np.add.at(counts, (toppled.astype(int), base, place), weight / weight.mean())
     effective = effective_number(of_base)
-    likelihood = [_log_likelihood(counts, correlation) for correlation in _CORRELATION]
-    total = np.array(likelihood) @ (of_base / of_base.sum() * effective)
-    return BaseSpread(np.exp(total - logsumexp(total)), len(of_base), effective)
+    share = of_base / of_base.sum() * effective
+
+    def likelihood(spread: Array, within: Array) -> Array:
+        return np.array([_log_likelihood(counts, *pair) for pair in zip(spread, within, strict=True)]) @ share
+
+    tied = np.sqrt(1.0 - _CORRELATION)  # the spread of the curve of all is that of one base and of the bases
+    within = tied[likelihood(_SPREAD, tied).argmax()]
+    # That of one base is known by many jobs, that of the bases by few: their mean is not (restricted likelihood).
+    known = counts.sum(axis=(0, 1)) @ probit_weights(_SCORES / within)[1] / len(of_base)
+    total = likelihood(_SPREAD, np.full(len(_SPREAD), within)) + 0.5 * np.log(_SPREAD**2 + 1.0 / known)
+    return BaseSpread(np.exp(total - logsumexp(total)), effective, float(within))
 
 
-def _log_likelihood(counts: Array, correlation: float) -> Array:
+def _log_likelihood(counts: Array, spread: float, within: float) -> Array:
     """Log-likelihood (bases,) of the jobs on each base, up to a constant.
 
     counts: (2, bases, scores), weighted numbers of jobs that stood and that toppled.
     """
-    toppled = _log_probability(correlation)
+    toppled = log_ndtr(_SCORES[:, None] / within + spread * _NORMAL)
     return logsumexp(counts[0] @ toppled[::-1, ::-1] + counts[1] @ toppled - 0.5 * _NORMAL**2, axis=1)
-
-
-@cache
-def _log_probability(correlation: float) -> Array:
-    """Log-probability of toppling by score and u, (scores, u); with both axes reversed, that of standing."""
-    return log_ndtr((_SCORES[:, None] + np.sqrt(correlation) * _NORMAL) / np.sqrt(1.0 - correlation))
 
 
 def narrowed_by(parts: Mapping[str, float], scan: Mapping[str, Any]) -> str:
@@ -187,8 +189,8 @@ def bootstrap(
     if spread is None:
         return Resampled(refits, fitted_again, len(records), turns)
     rock = str(frame["scene_id"].iloc[0]) if "scene_id" in frame else ""
-    shift, within = spread.drawn(len(refits), np.random.default_rng([seed, zlib.crc32(rock.encode())]))
-    on_one = (refits + np.outer(shift, np.eye(1, design.shape[1])[0])) / within[:, None]
+    shift = spread.drawn(len(refits), np.random.default_rng([seed, zlib.crc32(rock.encode())]))
+    on_one = (refits + np.outer(shift, np.eye(1, design.shape[1])[0])) / spread.within
     return Resampled(on_one, fitted_again, len(records), turns, refits)
 
 

@@ -57,8 +57,8 @@ class Target:
         low = (0.02, 0.6)
         return low if self.name in ("p05", "rate") else (1.0 - low[1], 1.0 - low[0])
 
-    def borne_by(self, records: int) -> float | None:
-        """Approximate half interval from so many records with unlimited jobs; None unless the target is an intensity.
+    def borne_by(self, records: float) -> float | None:
+        """Approximate half interval of independent records with unlimited jobs; None unless the target is an intensity.
 
         Log thresholds of records are normal with standard deviation beta; the variance of the quantile z is that of
         the mean times 1 + z^2 / 2.
@@ -199,12 +199,7 @@ class Pool:
 
     rows: _Numbers  # (records, cells, levels): rows of the plan
     log_x: Mapping[str, Array]  # logarithm of each measure, (records, levels)
-    earthquakes: int = 0  # number of their earthquakes, where known
-
-    @property
-    def independent(self) -> int:
-        """Number of earthquakes, or of records where these are not known."""
-        return self.earthquakes or len(self.rows)
+    independent: int  # number of their earthquakes, or of records where these are not known
 
 
 @dataclass(frozen=True)

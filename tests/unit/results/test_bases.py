@@ -6,7 +6,7 @@ import pytest
 
 from toppling.orchestrator.plan import realisations_spread
 from toppling.results.analysis.lognormal import design_of, fit
-from toppling.results.analysis.resampling import BaseSpread, base_spread, narrowed_by, sampled
+from toppling.results.analysis.resampling import base_spread, narrowed_by, sampled
 
 MEDIAN, RECORDS, LEVELS, AZIMUTHS = 0.5, 24, 6, 4
 FROM_RECORD, FROM_JOB = 0.25, 0.25
@@ -114,8 +114,3 @@ def test_bases_without_weight_say_nothing_of_how_far_bases_differ():
     )
     assert of_all > 1.1
     assert of_even < 0.7
-
-
-def test_what_few_jobs_leave_unknown_of_the_bases_widens_their_part():
-    any_share, third = (BaseSpread(chance, 25, 25.0) for chance in (np.full(40, 1 / 40), np.eye(40)[23]))
-    assert any_share.half_width > 1.05 * third.half_width  # both are a third on average

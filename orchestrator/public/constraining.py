@@ -79,16 +79,6 @@ def _weighted_paths(texts: Sequence[str]) -> tuple[list[Path], list[float] | Non
             expected="a weight for each, or for none",
             remedy="give each --hazard as PATH=WEIGHT",
         )
-    total = math.fsum(weights)
-    if weights and abs(total - 1.0) > 1e-3:
-        scaled = ", ".join(f"{weight / total:.4g}" for weight in weights)
-        raise InputError(
-            "hazard.weights_sum",
-            what=f"the weights sum to {total:.6g}",
-            where="--hazard",
-            expected="weights that sum to 1",
-            remedy=f"give all branches of the tree; if these are all, their weights are {scaled}",
-        )
     return paths, weights or None
 
 

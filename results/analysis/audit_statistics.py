@@ -26,13 +26,7 @@ from toppling.results.analysis.fits import answered
 from toppling.results.analysis.fragility import by_contact
 from toppling.results.analysis.lognormal import fit, probit_weights
 from toppling.results.reader import Run, as_frame
-from toppling.results.run_integrity import (
-    AUDIT_FOLDER,
-    DRAWN_FILE,
-    LEAST_JOBS,
-    REFERENCE,
-    check_audit,
-)
+from toppling.results.run_integrity import AUDIT_FOLDER, DRAWN_FILE, LEAST_JOBS, REFERENCE, check_audit
 from toppling.results.store import newest_rows, read_steady, result_files
 
 JOB_COLUMNS = [

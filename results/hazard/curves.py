@@ -45,18 +45,6 @@ class HazardCurve:
     certain: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
     never: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
 
-    def __post_init__(self) -> None:
-        x, rate = self.intensity, self.annual_rate
-        good = len(x) == len(rate) and np.isfinite(x).all() and np.isfinite(rate).all() and (x > 0).all()
-        if not (good and (np.diff(x) > 0).all() and (rate > 0).all() and (np.diff(rate) <= 0).all()):
-            raise InputError(
-                "hazard.levels_not_rising",
-                what="intensities must rise and rates fall, all of them positive",
-                where=self.source or self.name,
-                expected="annual rates of exceedance that fall as the intensity rises, at two levels or more",
-                remedy="compute more levels, from where the rock hardly topples to where it always does",
-            )
-
     def rate(self, intensity: ArrayLike) -> NDArray[np.float64]:
         """Annual rate of exceedance at intensities within the curve, interpolated on logarithms."""
         logarithm = np.interp(np.log(intensity), np.log(self.intensity), np.log(self.annual_rate))

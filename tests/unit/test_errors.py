@@ -21,7 +21,7 @@ import error_codes  # noqa: E402
 OF_SEVERAL_ROOMS = {
     "document": "schema_version unreadable", "engine": "contact_unknown", "ensemble": "empty record_unknown",
     "file": "absent empty not_regular not_text unreadable", "fragility": "none",
-    "hazard": "measure_other several_curves weight_unusable weights_incomplete weights_sum",
+    "hazard": "measure_other several_curves weight_unusable weights_incomplete",
     "hint": "place_unreadable unknown", "measure": "unknown", "metadata": "no_file_given",
     "package": "not_installed",
     "placement": "given_twice", "record": "given_twice none_found", "rock": "does_not_stand",

@@ -6,13 +6,7 @@ from types import ModuleType
 
 from toppling.models.errors import InputError
 from toppling.models.files.given import HEAD_BYTES, bytes_given, open_given, other_kind, text_of
-from toppling.results.hazard.readers import (
-    cybershake,
-    nshmp,
-    openquake_curves,
-    opensha,
-    text_columns,
-)
+from toppling.results.hazard.readers import cybershake, nshmp, openquake_curves, opensha, text_columns
 from toppling.results.hazard.readers.assembly import (
     HEAD_LINES,
     HazardFile,

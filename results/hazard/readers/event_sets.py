@@ -168,10 +168,7 @@ def _measure_factors(
                 table.path,
             )
         if measure:
-            found[name] = (
-                measure[0],
-                measure[1] * (ratio if measure[0] not in UNSCALED else 1.0),
-            )
+            found[name] = (measure[0], measure[1] * (ratio if measure[0] not in UNSCALED else 1.0))
     if not found:
         raise event_error(
             "events.no_measure",
@@ -220,11 +217,15 @@ def _read_fields(
 ) -> EventSet:
     rows = table.frame()
     events, ruptures = _sole("events", companions), _sole("ruptures", companions)
+    realizations = _sole("realizations", companions)
+    if BRANCH not in rows and events is None and (ruptures or realizations):
+        what = "has no events file beside it, which states the branch of each event"
+        raise event_error("events.branch_missing", what, table.path)
     rows = _with_branches(rows, table, events)
-    weights, paths = _realizations(_sole("realizations", companions), rows, table)
+    weights, paths = _realizations(realizations, rows, table)
     sites = _sites(rows, _sole("sitemesh", companions), table)
     factors = _measure_factors(table, "gmv_", measure_of, ratio)
-    years, rate_of = _rates(table, events, ruptures, event_rate, catalogue_years)
+    years, rate_of = _rates(table, ruptures, event_rate, catalogue_years)
     branches = []
     for number, weight in weights.items():
         name, mine = paths[number] or f"{BRANCH} {number}", rows[rows[BRANCH] == number]
@@ -307,11 +308,7 @@ def _sites(rows: pd.DataFrame, mesh: Table | None, table: Table) -> dict[str, Ev
 
 
 def _rates(
-    table: Table,
-    events: Table | None,
-    ruptures: Table | None,
-    event_rate: float | None,
-    catalogue: float | None,
+    table: Table, ruptures: Table | None, event_rate: float | None, catalogue: float | None
 ) -> tuple[float | None, Callable[[int], float]]:
     """Years that each branch's events span, and the rate of each of some events."""
     if event_rate is not None:
@@ -320,19 +317,12 @@ def _rates(
     if catalogue is None and "investigation_time" in keys:
         catalogue = float(keys["investigation_time"]) * float(keys.get("ses_per_logic_tree_path", 1))
     if catalogue is None or not catalogue > 0:
-        frame = events.frame() if events else pd.DataFrame()
-        scenario = "year" not in frame or not (frame["year"] > 0).any()
-        option = "--event-rate, the annual rate of the scenario" if scenario else "--catalogue-years"
-        if events is None:
-            option += ", or --catalogue-years where they are a catalogue"
         raise InputError(
             "events.rate_missing",
-            what="is a scenario, or states no time: its events have no rate"
-            if scenario
-            else "no ruptures file states the time that the events were simulated for",
+            "is a scenario, whose events have no rate, or no ruptures file states the time that they are of",
             where=str(table.path),
             expected="investigation_time and ses_per_logic_tree_path in the first line of the ruptures file",
-            remedy=f"put the ruptures file beside it, or give {option}",
+            remedy="put it beside the fields, or give --catalogue-years, or --event-rate, that of the scenario",
         )
     return catalogue, lambda _: 1.0 / catalogue
 
@@ -350,10 +340,7 @@ def is_event_set(path: Path) -> bool:
 
 
 def read_events(
-    path: Path,
-    ratio: float = 1.0,
-    event_rate: float | None = None,
-    catalogue_years: float | None = None,
+    path: Path, ratio: float = 1.0, event_rate: float | None = None, catalogue_years: float | None = None
 ) -> EventSet:
     """Read a set of events.
 
@@ -442,6 +429,9 @@ def _plain(table: Table, companions: list[Table], ratio: float, *_: object) -> E
     if bare := next(filter(measure_of, factors), None):
         what = f"the column {bare!r} names no unit: name it, such as {bare} (g), {bare} (cm/s), or pga_m_s2"
         raise event_error("events.unit_missing", what, table.path)
+    if of_branches := [name for name in rows if name.lower() in (BRANCH, "branch", "weight")]:
+        what = f"has the column {of_branches[0]!r}, and a table is of the events of one branch"
+        raise event_error("events.branch_in_table", what, table.path)
     if EVENT not in rows:
         rows[EVENT] = np.arange(len(rows))
     if SITE not in rows:

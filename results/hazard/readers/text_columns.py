@@ -22,7 +22,7 @@ _ANNUAL = re.compile(
 )
 _PROBABILITY = re.compile(
     rf"(?:poe|(?:exceedance )?probability{_OF_EXCEEDANCE})(?: in| over)?"
-    r"(?: (?P<years>\d+(?:\.\d+)?)(?: (?:yrs?|years?))?)?"
+    r"(?: (?P<years>\d+(?:\.\d+)?)(?: ?(?:yrs?|years?))?)?"
 )
 _RETURN = re.compile(r"(?:mean )?return period(?: (?:yrs?|years?|a))?|rp(?: (?:yrs?|years?|a))?")
 _BARE = re.compile(r"rates?|frequency|hazard|lambda|values?|y")

@@ -15,11 +15,9 @@ from toppling.results.analysis.exchange import moments, of_moments, read_curves,
 from toppling.results.analysis.lognormal import Basis, Lognormal, Resampled, Surface
 
 CURVES = st.builds(
-    Lognormal,
-    st.sampled_from([*sorted(OPENQUAKE), "sa_0.2s_m_s2", "sa_3s_m_s2"]),
-    median=st.floats(1e-3, 1e3),
+    Lognormal, st.sampled_from([*sorted(OPENQUAKE), "sa_0.2s_m_s2", "sa_3s_m_s2"]), median=st.floats(1e-3, 1e3),
     beta=st.floats(0.01, 2.0),
-)
+)  # fmt: skip
 
 NRML = (
     '<nrml xmlns="http://openquake.org/xmlns/nrml/0.5"><fragilityModel id="f" assetCategory="a" lossCategory="b">'

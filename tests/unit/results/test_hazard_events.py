@@ -27,12 +27,8 @@ def write_calculation(folder, **stated):
     """Two branches of weights 0.75 and 0.25, three events at two sites, 2 sets of 50 years each."""
     stated = stated or {"investigation_time": 50.0, "ses_per_logic_tree_path": 2}
     fields = [
-        "event_id,gmv_PGA,gmv_PGV,custom_site_id",
-        "0,0.5,10,aa",
-        "0,0.1,2,bb",
-        "1,0.8,30,aa",
-        "2,0.2,5,bb",
-    ]
+        "event_id,gmv_PGA,gmv_PGV,custom_site_id", "0,0.5,10,aa", "0,0.1,2,bb", "1,0.8,30,aa", "2,0.2,5,bb",
+    ]  # fmt: skip
     catalogue = ["0,0,0,3,1", "1,1,0,9,1", "2,2,1,7,2"]
     sites = {"aa": (1.0, 2.0), "bb": (1.5, 2.0)}
     return event_set(folder, fields, catalogue, {"A~AA": 0.75, "A~BB": 0.25}, sites, **stated)
@@ -87,6 +83,7 @@ def test_a_table_may_have_several_sites(tmp_path):
         (read_events, "event_id,PGA (g),annual_rate\n0,0.2,abc\n", "events.rates_unusable"),
         (read_events, "event_id,pga_m_s2,PGA (g),annual_rate\n0,0.2,0.3,1e-3\n", "events.measure_repeated"),
         (read_events, "event_id,annual_rate,PGA\n0,1e-3,0.5\n", "events.unit_missing"),
+        (read_events, "event_id,rlz_id,annual_rate,PGA (g)\n0,0,1e-3,0.5\n", "events.branch_in_table"),
         (read_hazard, "event_id,return_period,PGA (g)\n1,1000,0.5\n2,2000,0.7\n", "hazard.is_of_events"),
         (read_hazard, "event_id,annual_rate,ln PGA (g)\n1,1000,0.5\n2,2000,0.7\n", "hazard.is_of_events"),
     ],
@@ -154,6 +151,12 @@ def test_events_that_contradict_each_other_are_refused_by_what_is_wrong(tmp_path
     assert old in text
     path.write_text(text.replace(old, new, 1))
     with refused(what):
+        read_events(tmp_path)
+
+
+def test_fields_without_the_file_that_states_their_branches_are_refused(tmp_path):
+    (write_calculation(tmp_path) / "events_1.csv").unlink()
+    with refused("events.branch_missing"):
         read_events(tmp_path)
 
 

@@ -147,11 +147,10 @@ def test_what_a_file_does_not_say_is_asked_for(text, code, hints, tmp_path):
 @pytest.mark.parametrize(
     ("text", "years"),
     [
-        ("PGA (g),poe_50_years", 475.0),
-        ("PGA (g),annual_rate", 50.0),
+        ("PGA (g),poe_50_years", 475.0), ("PGA (g),annual_rate", 50.0),
         ("PGA (g),annual probability of exceedance", 0.0),
     ],
-)
+)  # fmt: skip
 def test_a_user_who_contradicts_a_file_is_told(tmp_path, text, years):
     path = written(tmp_path, f"{text}\n0.1,1e-2\n0.3,1e-4\n")
     assert read_curve(path).annual_rate[0] <= 1.01e-2

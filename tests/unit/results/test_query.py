@@ -156,24 +156,16 @@ def own(tmp_path):
 
 
 BEYOND = {
-    "reads a file": "select * from '{own}'",
-    "reads a file by a function": "select * from read_csv('{own}')",
-    "reads any bytes": "select * from read_text('{own}')",
-    "lists files": "select * from glob('{own}')",
-    "writes a file": "copy results to '{written}'",
-    "exports": "export database '{written}'",
-    "opens a database": "attach '{written}'",
-    "loads an extension": "install httpfs",
-    "unlocks": "set enable_external_access = true",
-    "asks twice": "select 1; select 2",
+    "reads a file": "select * from '{own}'", "reads a file by a function": "select * from read_csv('{own}')",
+    "reads any bytes": "select * from read_text('{own}')", "lists files": "select * from glob('{own}')",
+    "writes a file": "copy results to '{written}'", "exports": "export database '{written}'",
+    "opens a database": "attach '{written}'", "loads an extension": "install httpfs",
+    "unlocks": "set enable_external_access = true", "asks twice": "select 1; select 2",
     "hides a second one": "select 1; copy results to '{written}'",
-    "makes a table": "create table x as select 1",
-    "drops": "drop view results",
-    "calls": "call pragma_version()",
-    "explains by running": "explain analyze select 1",
-    "sees variables of the program": "select * from table_of_the_program",
-    "nothing": "",
-}
+    "makes a table": "create table x as select 1", "drops": "drop view results",
+    "calls": "call pragma_version()", "explains by running": "explain analyze select 1",
+    "sees variables of the program": "select * from table_of_the_program", "nothing": "",
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("kind", BEYOND)
@@ -234,11 +226,10 @@ def test_a_query_that_takes_too_long_is_stopped(run, monkeypatch, query):
 @pytest.mark.parametrize(
     "query",
     [
-        "select list(range) from range(400000000)",
-        "select string_agg(repeat('x', 1000000), '') from range(100000)",
+        "select list(range) from range(400000000)", "select string_agg(repeat('x', 1000000), '') from range(100000)",
         "select repeat('x', 100000) from range(100000)",
     ],
-)
+)  # fmt: skip
 def test_a_query_that_needs_too_much_memory_is_refused(run, monkeypatch, query):
     monkeypatch.setattr(toppling.results.queries, "_MEMORY_BYTES", 64 << 20)
     with refused("query.too_large"):

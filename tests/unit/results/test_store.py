@@ -178,11 +178,10 @@ def test_files_without_digests_are_refused_where_the_run_has_them_and_else_named
 @pytest.mark.parametrize(
     ("rows", "complaint"),
     [
-        ([], "no rows"),
-        ([row("a", tilt=1.0)], "tilt"),
+        ([], "no rows"), ([row("a", tilt=1.0)], "tilt"),
         ([{key: value for key, value in row("a").items() if key != "status"}], "status"),
     ],
-)
+)  # fmt: skip
 def test_rows_outside_the_schema_are_refused_before_anything_is_written(tmp_path, rows, complaint):
     with pytest.raises(ValueError, match=complaint):
         write_part(tmp_path, rows)

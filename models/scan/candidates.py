@@ -34,11 +34,9 @@ _OF_A_CREASE, _OF_A_BULGE = 10, 1000
 _LIKE_COST, _OTHER_SHARE = 1.25, 0.7
 """A cut is the rival of a cheaper one that costs at most so much less, if the two share less of their surfels."""
 _OF_A_STACK = 0.5
-"""Share of its surfels that an upper thing has in common with a stack, and of the stack's height that it has."""
+"""Least share of a stack's height that its upper thing has."""
 _ONE_LINE = 0.9
 """Share of the surfels of both from which on two cuts follow one line, of which the cheaper counts."""
-_SAME_SHARE = 0.5
-"""Share of the surfels of both in which a thing from near by is the one from afar."""
 _AROUND = 0.4
 """Share of the directions about its middle in which the line must show along which a thing is cut off."""
 JOINED_VOXELS = 3.0
@@ -133,8 +131,12 @@ def find_candidates(points_m: Array, coarse: Surfels) -> list[Candidate]:
             found[own].append(candidate)
     found.sort(key=lambda cuts: -cuts[0].height_m)
     large = [cuts for cuts in found[:_ZOOMED] if cuts[0].height_m > _ZOOMED_SHARE * found[0][0].height_m]
-    seen = [[_seen_near_by(points_m, cut) for cut in cuts] for cuts in large] + found[len(large) :]
-    return sorted((_best_parted(cuts) for cuts in seen), key=lambda candidate: -candidate.height_m)
+    near_by = [_seen_near_by(points_m, cuts) for cuts in large]
+    things = [thing for thing, _ in near_by] + [_best_parted(cuts) for cuts in found[len(large) :]]
+    for thing in (thing for _, beside in near_by for thing in beside):
+        if all(thing.shared(other) < 1.0 - _ONE_LINE for other in things):
+            things.append(thing)
+    return sorted(things, key=lambda candidate: -candidate.height_m)
 
 
 def _is_another(cut: Candidate, others: Iterable[Candidate]) -> bool:
@@ -145,22 +147,23 @@ def _is_another(cut: Candidate, others: Iterable[Candidate]) -> bool:
 
 
 def _best_parted(cuts: list[Candidate]) -> Candidate:
-    """Of the cuts of one thing the first, or a larger one that is cheaper, with those of like cost as its rivals.
+    """Of the cuts of one thing the first, or a cheaper one about as high or higher, with the rivals of that.
 
     A part that is cheaper to cut off than the whole stands upon the rest: either may be meant.
     """
-    thing = min((cut for cut in cuts if cut.height_m >= cuts[0].height_m), key=lambda cut: cut.cost)
-    return with_rivals(thing, cuts)
+    whole = [cut for cut in cuts if cut.height_m > _ONE_LINE * cuts[0].height_m]
+    return with_rivals(min(whole, key=lambda cut: cut.cost), cuts)
 
 
 def with_rivals(thing: Candidate, cuts: list[Candidate]) -> Candidate:
     """A thing with those of some cuts that cost like it and leave much less or much more than it and each other.
 
-    What is cut off along a neck may be one with what is below: then a cut that follows what carries both is a rival at
-    any cost.
+    What is cut off along a neck may be one with what is below: then a higher cut that follows what carries both is a
+    rival at any cost.
     """
     for cut in cuts:
-        like = cut.cost < _LIKE_COST * thing.cost or cut.carried > thing.carried
+        below = cut.carried > thing.carried and _ONE_LINE * cut.height_m > thing.height_m
+        like = cut.cost < _LIKE_COST * thing.cost or below
         if like and _is_another(cut, (thing, *thing.rivals)):
             thing = replace(thing, rivals=(*thing.rivals, cut))
     return thing
@@ -169,7 +172,7 @@ def with_rivals(thing: Candidate, cuts: list[Candidate]) -> Candidate:
 def _is_upper(thing: Candidate, other: Candidate) -> bool:
     """Whether a thing is the upper part of another, and not a small one that lies upon it."""
     own = float((thing.rock & other.rock).sum() / thing.rock.sum())
-    return own > _OF_A_STACK and _OF_A_STACK * other.height_m < thing.height_m < other.height_m
+    return own > _ONE_LINE and _OF_A_STACK * other.height_m < thing.height_m < other.height_m
 
 
 def _closes(thing: Candidate) -> bool:
@@ -183,39 +186,59 @@ def _closes(thing: Candidate) -> bool:
     return len(np.unique(sectors(parted_m - rock[:, :2].mean(axis=0)))) > _AROUND * SECTORS
 
 
-def _seen_near_by(points_m: Array, coarse: Candidate) -> Candidate:
-    """Cut a candidate again with as many patches around it alone as the whole cloud had, as long as that is finer."""
+def _seen_near_by(points_m: Array, cuts: list[Candidate]) -> tuple[Candidate, list[Candidate]]:
+    """Cut a thing again with as many patches around it alone as the whole cloud had, as long as that is finer.
+
+    cuts: the thing's, that which counts first; prices compare among patches of one width.
+    Returns it with its rivals, and what from afar was one with it and stands beside it.
+    """
+    beside: list[Candidate] = []
     for _ in range(_ZOOMS):
-        rock = coarse.surfels.points_m[coarse.rock]
-        axis, height = rock[:, :2].mean(axis=0), coarse.height_m
+        rock = np.vstack([cut.surfels.points_m[cut.rock] for cut in cuts])
+        axis, height, coarse_m = rock[:, :2].mean(axis=0), cuts[0].height_m, cuts[0].surfels.voxel_m
         reach = np.hypot(*(rock[:, :2] - axis).T).max() + _BESIDE_HEIGHTS * height
         around = inside_cylinder(points_m, axis, reach, rock[:, 2].min() - _BESIDE_HEIGHTS * height)
         around = around[:: max(1, len(around) // _SAMPLED_POINTS)]
         surfels = surfels_of(points_m[around], height / _FINEST_VOXELS_PER_HEIGHT)
-        if surfels.voxel_m > 0.9 * coarse.surfels.voxel_m:
+        if surfels.voxel_m > 0.9 * coarse_m:
             break  # nothing to be seen that was not seen before
-        edges = neighbourhood(surfels.points_m, surfels.voxel_m)
-        near = np.hypot(*(surfels.points_m[:, :2] - coarse.top_m[:2]).T) < 2.0 * coarse.surfels.voxel_m
-        peak = int(np.argmax(np.where(near, surfels.points_m[:, 2], -np.inf)))
+        edges, z = neighbourhood(surfels.points_m, surfels.voxel_m), surfels.points_m[:, 2]
         rim = np.hypot(*(surfels.points_m[:, :2] - axis).T) > reach - 3.0 * surfels.voxel_m
-        rim |= surfels.points_m[:, 2] < rock[:, 2].min() - _BESIDE_HEIGHTS * height + 3.0 * surfels.voxel_m
-        # The thing itself, but for where its line runs: about where it was seen from afar.
-        own, away_m = coarse.share_around(surfels.points_m), cKDTree(coarse.loop_m).query(surfels.points_m)[0]
-        own[away_m < 3.0 * coarse.surfels.voxel_m] = 0.5
-        finer = cut_between(surfels, edges, own == 1.0, (own == 0.0) | rim, peak)
-        tried = [_cut_at(surfels, edges, peak, share * height, rim) for share in _TRIED_HEIGHTS]
-        closed = [cut for cut in tried if cut is not None and _closes(cut)]
-        if finer is not None:
-            same = [cut for cut in closed if cut.shared(finer) > _ONE_LINE]
-            finer = min([finer, *same], key=lambda cut: cut.cost)
-        least = min(closed, key=lambda cut: cut.cost, default=None)
-        if least is not None and least.shared(coarse) < _SAME_SHARE:
-            # Another thing, such as a rock that wide patches joined with the wall beside it: the cheaper cut counts.
-            finer = least if _LIKE_COST * least.cost < coarse.cost else finer
-        if finer is None:
+        rim |= z < rock[:, 2].min() - _BESIDE_HEIGHTS * height + 3.0 * surfels.voxel_m
+        found: list[Candidate] = []
+        for cut in cuts:
+            # The thing itself, but for where its line runs: about where it was seen from afar.
+            own, away_m = cut.share_around(surfels.points_m), cKDTree(cut.loop_m).query(surfels.points_m)[0]
+            own[away_m < 3.0 * coarse_m] = 0.5
+            parts, far = bodies(surfels, edges, own == 1.0), (own == 0.0) | rim
+            tall = [part for part in parts[1:] if np.ptp(z[part]) > _ZOOMED_SHARE * height]
+            # The whole and, of several bodies, each that may be the rock: what creases join goes where it is cheaper.
+            seeds = [own == 1.0, parts[0], *tall] if len(parts) > 1 else [own == 1.0]
+            peaks = [int(np.argmax(np.where(part, z, -np.inf))) for part in [parts[0], *seeds[1:]]]
+            finer = [
+                cut_between(surfels, edges, part, far, top) for part, top in zip(seeds, peaks, strict=True)
+            ]
+            found += [thing for thing in finer[:2] if thing is not None]
+            beside += [other for other in finer[2:] if other and finer[1] and other.shared(finer[1]) == 0.0]
+            if cut is cuts[0]:
+                tried = [_cut_at(surfels, edges, peaks[0], share * height, rim) for share in _TRIED_HEIGHTS]
+        if not found:
             break
-        coarse = with_rivals(replace(finer, rivals=coarse.rivals), closed)
-    return coarse
+        thing = _best_parted([*found, *(cut for cut in tried if cut is not None and _closes(cut))])
+        cuts = [thing, *thing.rivals]
+    return _best_parted(cuts), beside
+
+
+def bodies(surfels: Surfels, edges: Indices, among: Flags) -> list[Flags]:
+    """Parts (n,) of some patches that no crease runs through, the largest first; all of them where none is large.
+
+    What stands beside a rock, or leans on it, is parted from it by a crease all around where they touch.
+    """
+    smooth = among.copy()
+    smooth[edges[bend(surfels, edges) < CREASE]] = False
+    part = joined_parts(edges[smooth[edges].all(axis=1)], len(smooth))
+    sizes = np.bincount(part[smooth], minlength=part.max() + 1)
+    return [smooth & (part == n) for n in np.argsort(-sizes) if sizes[n] >= LEAST_SURFELS] or [among]
 
 
 def neighbourhood(points_m: Array, voxel_m: float) -> Indices:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
 import contourpy
 import numpy as np
@@ -114,24 +113,6 @@ def _outline_m(rock: Rock, interface: Interface, height_m: float) -> Array:
     places = interface.flat(rock.vertices_m[resting])[:, :2]
     corners = places[ConvexHull(places).vertices]
     return interface.scene(np.column_stack([corners, np.zeros(len(corners))]) + interface.rise(corners))
-
-
-def completeness(ground: Ground, seen_m: Array, interface: Interface) -> dict[str, Any]:
-    """How much of what was seen of the pedestal the scene keeps, and why not the rest."""
-    assert ground.pedestal.vertices_m is not None
-    assert ground.pedestal.faces is not None
-    selected = interface.flat(ground.pedestal.vertices_m)[:, :2]
-    step = max(1, len(seen_m) // 100_000)
-    flat = interface.flat(seen_m[::step])[:, :2]
-    cell = float(np.diff(np.unique(np.round(selected[:, 0], 9))).max()) if len(selected) else 0.0
-    inside = cKDTree(selected).query(flat, distance_upper_bound=cell)[0] <= cell
-    return {
-        "triangles": len(ground.pedestal.faces),
-        "resolution_m": cell,
-        "kept_share_of_points": float(inside.mean()),
-        "left_away": f"what lies farther from the rock's outline than {_REACH_HEIGHTS} of its height, and below cliff "
-        "edges: a rock that gets there has toppled",
-    }
 
 
 def _inside(nodes: Array, polygon: Array) -> Flags:

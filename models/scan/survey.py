@@ -28,7 +28,7 @@ from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock, check_size
 from toppling.models.scan.close import SHARES, ClosedRock, close_rock
 from toppling.models.scan.crevice import check_seen, judge_crevice
-from toppling.models.scan.ground import Ground, completeness, level_surface, pedestal_ground, pedestal_surface
+from toppling.models.scan.ground import Ground, level_surface, pedestal_ground, pedestal_surface
 from toppling.models.scan.hints_file import outside_cloud
 from toppling.models.scan.interface import Interface, Sheet, fit_interface
 from toppling.models.scan.interface_hint import InterfaceHint, check_near, points_text, seen_about_points
@@ -344,8 +344,6 @@ def work_out(
     doubted += warnings_of(observed, interface, closed, cloud.points_m, seen.label, cloud.origin_m)
     progress("meshing the pedestal")
     ground = pedestal_ground(observed.surfels, seen.pedestal, closed.rock, interface)
-    below = at_most(np.flatnonzero(seen.label == PEDESTAL), _BESIDE_POINTS)
-    complete = completeness(ground, cloud.points_m[below], interface)
     if seen.in_reach.any():
         around = mesh_surroundings(observed.surfels, observed.patches, seen.in_reach, interface, height_m)
         ground = ground.with_surroundings(around, interface, height_m)
@@ -359,7 +357,6 @@ def work_out(
             "resolution_m": parts.surfels.voxel_m,
             "other_candidates": [{"top_m": [*other[:3]], "height_m": other[3]} for other in parts.others],
         },
-        "pedestal": complete,
         "registration": fitted.report,
         "files": [source.to_json() for source in cloud.sources]
         or [{"name": name, "points": points} for name, points in cloud.files],

@@ -9,6 +9,7 @@ from patches import BLOCK, LEVEL, VOXEL_M, box, ground, seen_of, together, wall
 from refusals import refused
 from scipy.spatial import cKDTree
 
+from toppling.models.arrays import inside_box
 from toppling.models.errors import InputError
 from toppling.models.scan import virtual
 from toppling.models.scan.candidates import (
@@ -43,10 +44,6 @@ def kinds(rock, rest, **given):
     closed = ClosedRock(CUBE, 1.0, 0.0, 0.0, 0.0)
     found = warnings_of(observed, LEVEL, closed, CUBE.vertices_m, np.zeros(len(CUBE.vertices_m)), np.zeros(3))
     return {each.kind: each.sentence for each in found}
-
-
-def test_a_block_that_stands_free_raises_no_warning():
-    assert kinds(BLOCK, ground()) == {}
 
 
 def test_what_touches_a_rock_above_its_foot_is_one_warning_with_its_direction():
@@ -87,18 +84,16 @@ def test_a_rock_that_a_fillet_joins_to_its_pedestal_is_a_question_and_no_refusal
 
 @pytest.mark.parametrize(("sides", "blind_deg", "toward_deg"), [("e", 350.0, 180.0), ("ens", 170.0, 180.0)])
 def test_the_directions_from_which_nothing_was_seen_are_told(sides, blind_deg, toward_deg):
-    rock = box((-0.25, -0.25, 0.0), (0.25, 0.25, 1.0), sides)
-    told = unseen_range(seen_of(rock, ground()), LEVEL)
+    told = unseen_range(seen_of(box((-0.25, -0.25, 0.0), (0.25, 0.25, 1.0), sides), ground()), LEVEL)
     assert told == pytest.approx((blind_deg, toward_deg), abs=12.0)
 
 
 @pytest.mark.parametrize(("sides", "what"), [("es", "one side"), ("ewns", "70%")])
 def test_a_rock_most_of_which_was_not_seen_is_refused(sides, what):
     observed = seen_of(box((-0.25, -0.25, 0.0), (0.25, 0.25, 1.0), sides), ground())
-    closed = ClosedRock(Scene.block(0.25, 0.25, 0.5).rock, 0.3, 0.0, 0.7, 0.0)
     with refused("rock.mostly_unseen", what):
-        check_seen_enough(observed, LEVEL, closed)
-    check_seen_enough(observed, LEVEL, ClosedRock(closed.rock, 0.5, 0.0, 0.5, 0.0))
+        check_seen_enough(observed, LEVEL, ClosedRock(CUBE, 0.3, 0.0, 0.7, 0.0))
+    check_seen_enough(observed, LEVEL, ClosedRock(CUBE, 0.5, 0.0, 0.5, 0.0))
 
 
 def test_patches_are_as_wide_as_the_points_of_a_sparse_cloud_lie_apart():
@@ -213,6 +208,15 @@ def test_the_places_of_a_crease_that_are_offered_lie_on_the_plane_through_all_of
         choose([dataclasses.replace(thing, rivals=(thing,))], None, np.zeros(3), surfels)
     heights = re.findall(r"--point [^,]+,[^,]+,([-.0-9]+)", error.value.what)
     assert np.abs(np.array(heights, float)).max() < 0.02
+
+
+def test_what_touches_a_rock_beside_it_is_another_thing():
+    low, high = np.array([0.25, 0.15, 0.0]), np.array([0.85, 0.75, 0.9])
+    points = together(box((-0.25, -0.25, 0.0), (0.25, 0.25, 1.2)), ground(), box(low, high))[0]
+    points = points[~inside_box(points, low - [0.01, 0.0, 0.0], high - 0.001)]
+    found = find_candidates(points, orient(thin(points, 3.0 * VOXEL_M)[0], 3.0 * VOXEL_M))
+    assert [thing.height_m for thing in found] == pytest.approx([1.2, 0.9], abs=0.1)
+    assert found[0].surfels.points_m[found[0].rock, 0].max() < 0.3
 
 
 @pytest.mark.parametrize("sides", ["horizontal", "up"])

@@ -77,7 +77,9 @@ def _three_of(loop_m: Array) -> Array:
     offset = loop_m[:, :2] - plane.point_m[:2]
     turn = np.arctan2(offset[:, 1], offset[:, 0])
     on_plane = loop_m - np.outer((loop_m - plane.point_m) @ plane.normal, plane.normal)
-    return on_plane[[np.abs(np.angle(np.exp(1j * (turn - way)))).argmin() for way in np.deg2rad([0, 120, 240])]]
+    return on_plane[
+        [np.abs(np.angle(np.exp(1j * (turn - way)))).argmin() for way in np.deg2rad([0, 120, 240])]
+    ]
 
 
 def _nothing_stands(coarse: Surfels, origin_m: Array) -> InputError:

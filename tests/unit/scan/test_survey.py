@@ -56,14 +56,15 @@ def test_interface_slopes_as_the_true_one(stump, surveyed):
     assert found.scene.pedestal.downhill_azimuth_deg == pytest.approx(downhill, abs=5.0)
 
 
-def test_quasi_static_toppling_is_that_of_the_true_body(stump, surveyed):
-    truth, found = stump[0], surveyed
-    azimuths = np.arange(0.0, 360.0, 30.0)
+def test_quasi_static_toppling_of_the_true_body_lies_in_the_interval_at_every_azimuth(stump, surveyed):
+    truth, stated = stump[0], surveyed.scene.report["unseen_base"]["toppling"]
+    azimuths = [row["azimuth_deg"] for row in stated]
     true_plane = Pedestal(truth.pedestal.point_m, truth.pedestal.normal)
-    true = quasi_static_toppling_m_s2(truth.rock, true_plane, 9.81, azimuths)
-    seen = quasi_static_toppling_m_s2(found.scene.rock, found.scene.pedestal, 9.81, azimuths)
-    # The contact's rim is known to half a point spacing, 0.01 heights of an arm of 0.25 heights, twice.
-    np.testing.assert_allclose(np.array(seen)[:, 1], np.array(true)[:, 1], rtol=0.10)
+    true = [tips for _, tips in quasi_static_toppling_m_s2(truth.rock, true_plane, 9.81, azimuths)]
+    low, high = (np.array([row[end] for row in stated]) for end in ("low_m_s2", "high_m_s2"))
+    assert (low < true).all()
+    assert (true < high).all()
+    assert np.median((high - low) / true) < 0.6
 
 
 def test_base_rests_exactly_on_the_interface_and_nothing_lies_below_it(stump, surveyed):

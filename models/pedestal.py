@@ -114,6 +114,9 @@ TOPPLED_TILT_DEG = 45.0
 TOPPLED_FALL = 0.25
 """Fall of the centre of mass beyond which a rock counts as toppled, as a fraction of its height above the support."""
 
+FARTHEST_SETTLING = 0.1
+"""Displacement of the centre of mass, as a fraction of the rock's height, beyond which a settled rock has fallen."""
+
 STEEP = 0.5
 """Upward part of a contact's normal: less, and what is touched stands beside the rock, not below it."""
 

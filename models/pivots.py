@@ -34,6 +34,10 @@ _WAYS = np.array([[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1
 _ROUNDING = 1e-12
 """Rate at which the centre of mass may go along a load or push by rounding, over R."""
 
+_BALANCED = 1e-6
+"""Speed of the centre of mass along the load, over that of a point at a distance R from the axis, of a rotation about
+which a rock is balanced: some hundred times what rounding leaves of a pose."""
+
 _NEXT, _LAST = [1, 2, 0], [2, 0, 1]
 
 
@@ -55,11 +59,7 @@ def tips_m_s2(arms_m: Array, normals: Array, size_m: float, load_m_s2: Array, pu
 
     Infinite where none is too large. Arms (n, 3) are from the centre of mass, normals toward the rock.
     """
-    # Contacts on one line let it turn both ways: they are no rest.
-    if (
-        len(arms_m) < 3
-        or np.linalg.svd(arms_m - arms_m.mean(axis=0), compute_uv=False)[1] <= _APART_SHARE * size_m
-    ):
+    if on_one_line(arms_m, size_m):  # they let it turn both ways
         return None
     start, axis = _axes(arms_m, normals, size_m)
     moved, g = crossed(start, axis), float(np.linalg.norm(load_m_s2))  # of the centre of mass
@@ -70,6 +70,31 @@ def tips_m_s2(arms_m: Array, normals: Array, size_m: float, load_m_s2: Array, pu
     share, ahead = -gains[~across] / by_push[~across], by_push[~across] > 0.0
     most, least = float(share[ahead].min(initial=np.inf)), float(share[~ahead].max(initial=-np.inf))
     return most if least < most else None
+
+
+def on_one_line(arms_m: Array, size_m: float) -> bool:
+    """Whether contacts (n, 3) lie on a line, or at a place."""
+    if len(arms_m) < 3:
+        return True
+    widths = np.linalg.svd(arms_m - arms_m.mean(axis=0), compute_uv=False)
+    return bool(widths[1] <= _APART_SHARE * size_m)
+
+
+def balanced_on(arms_m: Array, normals: Array, size_m: float, load_m_s2: Array) -> Turn | None:
+    """The rotation without slip with which a rock in equilibrium falls at the least touch; None if it is stable.
+
+    The load does no work over it in its first order, and the centre of mass lies above its axis.
+    """
+    start, axis = _axes(arms_m, normals, size_m)
+    if (
+        len(start) == 0 and len(arms_m) and on_one_line(arms_m, size_m)
+    ):  # at one place: toward x, as on a plane
+        start, axis = arms_m[:1], crossed(np.eye(3)[np.abs(load_m_s2).argmin()], load_m_s2)[None]
+        axis = axis / np.linalg.norm(axis)
+    com = (start * axis).sum(axis=1)[:, None] * axis - start
+    falls = np.abs(crossed(start, axis) @ load_m_s2) <= _BALANCED * size_m * float(np.linalg.norm(load_m_s2))
+    falls &= com @ load_m_s2 < 0.0
+    return Turn(start[falls][0], axis[falls][0]) if falls.any() else None
 
 
 def turn_under(arms_m: Array, normals: Array, size_m: float, force_m_s2: Array) -> Turn | None:

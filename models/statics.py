@@ -38,7 +38,7 @@ class Limits(NamedTuple):
     """Limits of a constant horizontal ground acceleration, slowly applied, toward an azimuth.
 
     tips_m_s2: the largest at which the rock is at rest, in its pose or in one into which it tips up to 45 degrees;
-    without slip if it slides before. Zero where gravity alone topples it, infinite where no acceleration does.
+    without slip if it slides before. Zero where it does not stand by itself, infinite where no acceleration topples it.
     slides_m_s2: the least at which static friction does not hold it on its way there; infinite where it always does.
     """
 
@@ -68,8 +68,8 @@ def quasi_static_toppling_m_s2(
     pose with a tilt up to ``TOPPLED_TILT_DEG`` and a centre of mass lowered by at most ``TOPPLED_FALL``. A rock with a
     flat sharp-edged base topples when it lifts off; one with a rounded base rolls first. No slip.
 
-    Returns list of (azimuth_deg, acceleration_m_s2): zero where gravity alone topples the rock, infinite where no
-    acceleration of this azimuth does.
+    Returns list of (azimuth_deg, acceleration_m_s2): zero where the rock does not stand near by, infinite where no
+    acceleration of this azimuth topples it.
     """
     from toppling.models.ground.facet_path import Seat  # which compiles
 
@@ -96,7 +96,7 @@ def slides_m_s2(normal: Array, gravity_m_s2: float, friction_static: float, azim
 
 
 def at_rest(rock: Rock, pedestal: Pedestal, gravity_m_s2: float) -> tuple[Array, Array] | None:
-    """Rotation (3, 3) and translation (3,) that settle a rock to a stable pose; None if it topples.
+    """Rotation (3, 3) and translation (3,) that settle a rock to a stable pose near by; None if it falls.
 
     It rolls quasi-statically without slip from facet to facet of its hull until one is stable. The three or more feet
     of that facet lie in the interface plane within ``CONTACT_SHARE_OF_HEIGHT``.
@@ -104,11 +104,10 @@ def at_rest(rock: Rock, pedestal: Pedestal, gravity_m_s2: float) -> tuple[Array,
     from toppling.models.ground.facet_path import Seat  # which compiles
 
     seat = Seat.of(rock, pedestal)
-    gravity = seat.frame @ np.array([0.0, 0.0, -gravity_m_s2])
-    rest = seat.fallen(gravity)
+    rest = next(seat.rests(gravity_m_s2, 0.0), None)
     if rest is None:
         return None
-    turn, moved = rest
+    turn, moved, _ = rest
     feet = contact_feet_m(rock, pedestal)
     lowest = pedestal.normal * ((feet - pedestal.point_m) @ pedestal.normal).min()
     in_scene = seat.frame.T @ turn @ seat.frame

@@ -10,21 +10,22 @@ equilibria.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from toppling.models.caching import cached
-from toppling.models.compiled import Array, Flags
+from toppling.models.compiled import Array
 from toppling.models.errors import InputError
 from toppling.models.frames import horizontal_unit_vector
 from toppling.models.ground.body import GroundedBody
 from toppling.models.ground.contacts import LEANING, MOST
-from toppling.models.ground.equilibrium import acceleration_from_rest, held_up_to_m_s2, shortest
+from toppling.models.ground.equilibrium import from_rest, held_up_to_m_s2, shortest
 from toppling.models.ground.rolling import FIRST_KEY as FIRST_SMOOTH_KEY
 from toppling.models.ground.stepping import Grounded, contacts_at
-from toppling.models.pivots import OPENS, Turn, carried_on, crossed, tips_m_s2, turn_under
+from toppling.models.pivots import OPENS, Turn, carried_on, crossed, on_one_line, tips_m_s2, turn_under
 from toppling.models.statics import STEEP, TOPPLED_TILT_DEG, Limits
 
 _STEP_SHARE = 0.008
@@ -55,6 +56,9 @@ _UNSURE = 1e-3
 _ROLLED_RAD, _BALANCED_RAD, _MOST_CORRECTIONS = 1e-3, 1e-4, 3
 """Angle by which a rock on one smooth contact is rolled to see how its balance changes; from its equilibrium, of one
 that is in it; and rotations, at most, by which it gets there."""
+
+_NEUTRAL = 2e-3
+"""Change of that balance with the angle rolled, over g R, below which there is none: that of a ball's mesh."""
 
 _ROUNDING = 1e-12  # acceleration over g
 _MOST_GRAVITIES = 30.0  # acceleration, over g, beyond which a pose supports any
@@ -175,6 +179,9 @@ class _Path:
         """
         most = tips_m_s2(touching["arm_m"], touching["normal"], self.size_m, self.load, self.push)
         grips, balances, highest = touching, rolls and most is None, _MOST_GRAVITIES * self.g
+        sharp = (touching["key"] < FIRST_SMOOTH_KEY).all()
+        if most is None and sharp and on_one_line(touching["arm_m"], self.size_m):  # balanced at most
+            return False, self.best_m_s2, np.inf
         if balances:  # the moment of smooth contacts about the centre of mass is none but in this pose
             most = _balanced_m_s2(touching, self.load, self.push)
             grips, highest = touching.copy(), min(most, highest)
@@ -182,8 +189,6 @@ class _Path:
         between, inertia_m2 = (self.best_m_s2, max(self.best_m_s2, highest)), self._inertia_m2()
         gripped = held_up_to_m_s2(grips, self.body.friction[0], inertia_m2, self.load, self.push, between)
         if most is None:
-            if gripped is None and len(touching):
-                return False, _balanced_m_s2(touching, self.load, self.push), np.inf
             return gripped is not None, gripped or self.best_m_s2, np.inf
         slides = self.best_m_s2 if gripped is None else gripped
         unsure_m_s2 = _UNSURE * (min(most, highest) + self.g)
@@ -219,28 +224,19 @@ class _Path:
             # Elsewhere than at rest it goes on under the acceleration that moved it, to where that holds it again.
             force = self.load + ((1.0 + _BEYOND) * self.best_m_s2 + _BEYOND * self.g) * self.push
             if self.slides_m_s2 == np.inf and not at.rolls:
-                moves = acceleration_from_rest(at.touching, self.body.friction[0], self._inertia_m2(), force)
-                turn = _turn_of(moves)
+                turn = _turn_of(from_rest(at.touching, self.body.friction[0], self._inertia_m2())(force))
             else:
                 turn = turn_under(at.touching["arm_m"], at.touching["normal"], self.size_m, force)
         if turn is None:
             return False
         self.turn, self.pivot_m = turn, self.pose[:3] + turn.arm_m
+        arms_m, near = at.touching["arm_m"] - turn.arm_m, at.touching
+        opening = (crossed(turn.axis, arms_m) * near["normal"]).sum(axis=1)
+        stay = near["key"][(opening < OPENS * self.size_m) & (near["key"] >= FIRST_SMOOTH_KEY)]
         turned = _turned(self.body, self.pose, at.apart, turn, self.travel_m)
-        closed = _closed(self.body, self.sim, turned, next_m)
-        self.pose, self.travel_m = self._with_those_that_stay(closed, at.touching, next_m), next_m
+        self.pose = _closed(self.body, self.sim, turned, next_m, stay if len(stay) > 1 else ())
+        self.travel_m = next_m
         return True
-
-    def _with_those_that_stay(self, pose: Array, touching: np.ndarray, travel_m: float) -> Array:
-        """A turned pose in which the two smooth contacts about whose line the rock has turned touch again."""
-        assert self.turn is not None
-        arms_m = touching["arm_m"] - (self.pivot_m - self.pose[:3])
-        opening = (crossed(self.turn.axis, arms_m) * touching["normal"]).sum(axis=1)
-        stays = touching["key"][(opening < OPENS * self.size_m) & (touching["key"] >= FIRST_SMOOTH_KEY)]
-        for _ in range(2 if len(stays) > 1 else 0):
-            near = _near(self.sim, pose, travel_m)
-            pose = _pressed(self.body, pose, near, np.zeros(3), np.isin(near["key"], stays))
-        return pose
 
 
 def _turn_of(moves: Array) -> Turn | None:
@@ -284,20 +280,22 @@ def _next_travel_m(near: np.ndarray, travel_m: float, size_m: float) -> float:
 
 
 def _balanced_m_s2(touching: np.ndarray, load: Array, push: Array) -> float:
-    """Acceleration under which the line of action passes a contact, seen along the level across the push.
+    """Acceleration under which the line of action passes a line through contacts.
 
-    Of two contacts it passes the line through them, where that is between both.
+    That through two of them, where it passes between both; else the level one across the push through either.
     """
-    across, arms_m = crossed(push, load), touching["arm_m"]
+
+    def passes(start: Array, line: Array) -> float:
+        return -float(line @ crossed(start, load)) / (float(line @ crossed(start, push)) or 1e-300)
+
+    arms_m = touching["arm_m"]
     if len(touching) == 2:
-        (start, end), line = arms_m, arms_m[1] - arms_m[0]
-        lifts = float(line @ crossed(start, push))
-        if abs(lifts) > _ROUNDING * float(line @ line):
-            held = -float(line @ crossed(start, load)) / lifts
-            aside = crossed(crossed(line, load + held * push), load + held * push)
-            if (start @ aside) * (end @ aside) < 0.0:
-                return held
-    return float((-(arms_m @ crossed(load, across)) / (arms_m @ crossed(push, across))).max())
+        line = arms_m[1] - arms_m[0]
+        force = load + (held := passes(arms_m[0], line)) * push
+        first, second = arms_m @ crossed(crossed(line, force), force)
+        if first * second < 0.0:
+            return held
+    return max(passes(arm_m, crossed(push, load)) for arm_m in arms_m)
 
 
 def _rolled_on(
@@ -306,7 +304,7 @@ def _rolled_on(
     """The rotations along the equilibria of a rock on one smooth contact and back to them, and how far back, rad.
 
     It is in equilibrium where the line of action passes the contact also seen along the push. How far it misses
-    changes as the rock rolls about two axes.
+    changes as the rock rolls about two axes; where it hardly does, as of a ball, the push alone decides.
     """
     load, arm, normal = sim.gravity_m_s2, contact["arm_m"][0], contact["normal"][0]
     across = crossed(push, load)
@@ -323,7 +321,9 @@ def _rolled_on(
         near = _near(sim, _about(pose, Turn(arm, axis), _ROLLED_RAD), _STEP_SHARE * sim.size_m)
         near = near[near["key"] == contact["key"][0]]
         changes[k] = (missed(near) - now) / _ROLLED_RAD if len(near) else 0.0
-    square = max(float(changes @ changes), 1e-300)
+    square = float(changes @ changes)
+    if square < (_NEUTRAL * sim.size_m * float(np.linalg.norm(load))) ** 2:
+        return Turn(arm, axes[0]), Turn(arm, axes[0]), 0.0
     along = np.array([changes[1], -changes[0]]) / math.sqrt(square)
     if (axes[0] if turn is None else turn.axis) @ (along @ axes) < 0.0:
         along = -along
@@ -341,30 +341,36 @@ def _turned(body: GroundedBody, pose: Array, apart: np.ndarray, turn: Turn, trav
     return _about(pose, turn, angle)
 
 
-def _closed(body: GroundedBody, sim: Grounded, pose: Array, travel_m: float) -> Array:
+def _closed(
+    body: GroundedBody, sim: Grounded, pose: Array, travel_m: float, stay: Sequence[int] = ()
+) -> Array:
     """A turned pose, moved by what turning does beyond its first order: onto the nearest contacts, deep in none.
 
-    Along their normals where they are smooth: a change of the pose that also turned the rock would let it slip.
+    Along their normals where they are smooth: a change of the pose that also turned the rock would let it slip. Of two
+    smooth contacts about whose line it has turned both touch again, by Newton's method.
     """
-    near = _near(sim, pose, travel_m)
-    if len(near) == 0:
-        return pose
-    nearest = near[near["gap_m"].argmin()]
-    least_m = 0.0 if nearest["key"] < FIRST_SMOOTH_KEY else -_PRESSED_SHARE * body.size_m
-    travel_m = np.clip(nearest["gap_m"], least_m, _PRESSED_SHARE * body.size_m)
-    normals = near["normal"][near["gap_m"] <= max(nearest["gap_m"], 0.0)].sum(axis=0)
-    return _pressed(body, pose, near, -travel_m * normals / max(float(np.linalg.norm(normals)), 1e-9))
+    for _ in range(3 if len(stay) else 1):
+        near = _near(sim, pose, travel_m)
+        if len(near) == 0:
+            return pose
+        nearest = near[near["gap_m"].argmin()]
+        least_m = 0.0 if nearest["key"] < FIRST_SMOOTH_KEY else -_PRESSED_SHARE * body.size_m
+        close_m = np.clip(nearest["gap_m"], least_m, _PRESSED_SHARE * body.size_m)
+        normals = near["normal"][near["gap_m"] <= max(nearest["gap_m"], 0.0)].sum(axis=0)
+        free_m = -close_m * normals / max(float(np.linalg.norm(normals)), 1e-9)
+        pose = _pressed(body, pose, near, free_m, stay)
+    return pose
 
 
 def _pressed(
-    body: GroundedBody, pose: Array, near: np.ndarray, travel_m: Array, stays: Flags | None = None
+    body: GroundedBody, pose: Array, near: np.ndarray, travel_m: Array, stay: Sequence[int] = ()
 ) -> Array:
     """A pose moved along a short way (3,), changed by the least that lets none be deep, and none open that stays."""
     scale = np.repeat([1.0, math.sqrt(body.inertia_m2.mean())], 3)
     columns = np.hstack([near["normal"], crossed(near["arm_m"], near["normal"])]).T / scale[:, None]
-    free, least = np.append(travel_m, np.zeros(3)), -near["gap_m"]
-    if stays is not None:
-        columns, least = np.hstack([columns, -columns[:, stays]]), np.append(least, near["gap_m"][stays])
+    stays = np.isin(near["key"], stay)
+    columns = np.hstack([columns, -columns[:, stays]])
+    free, least = np.append(travel_m, np.zeros(3)), np.append(-near["gap_m"], near["gap_m"][stays])
     twist = (free + shortest(columns, least - free @ columns)) / scale
     return _placed(pose, twist[:3], twist[3:])
 

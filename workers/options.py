@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 
-PHYSICS_VERSION = "41"
+PHYSICS_VERSION = "42"
 """Part of every job's id: raised whenever the same job may give another answer."""
 
 

@@ -23,7 +23,8 @@ from toppling.models.ground.pairs import Lists, empty_lists
 from toppling.models.ground.plane import NO_POINTS
 from toppling.models.ground.rolling import FIRST_KEY, NO_ROLLING, rolling_surface
 from toppling.models.ground.stepping import Grounded, contacts_at, settle, work_room
-from toppling.models.pedestal import TOPPLED_TILT_DEG, Pedestal
+from toppling.models.pedestal import FARTHEST_SETTLING, TOPPLED_TILT_DEG, Pedestal
+from toppling.models.pivots import Turn, balanced_on
 from toppling.models.rock import Rock
 from toppling.models.smooth_mesh import patches_of, smooth_mesh_of
 
@@ -58,12 +59,6 @@ _OF_POINT, _OF_EDGES = 0, 2
 
 _ROLLS, _ROLLED_DEG = 8, 0.5
 """Number of directions, and the angle, in which a rounded base may roll until the rock stands."""
-
-_FARTHEST_SETTLING = 0.1
-"""Displacement of the centre of mass over the rock's height beyond which a settled rock has fallen.
-
-That of a rock that rolls is larger by the rotation of its base.
-"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,9 +146,15 @@ class GroundedBody:
         return (force if acceleration_m_s2 is None else force - acceleration_m_s2) @ self.scene_from_support
 
     def stands(self, pose: Array) -> bool:
-        """Whether its contacts can hold the rock in a pose, or in one that it would roll into."""
+        """Whether the rock rests in a pose, or in one that it would roll into: held, and not merely balanced."""
         near = self.near_contacts(pose, RESTING_SHARE * self.size_m)
-        return bool(self.hold(near, self.load_m_s2()[None])[0])
+        return bool(self.hold(near, self.load_m_s2()[None])[0]) and self._balanced_on(near) is None
+
+    def _balanced_on(self, near: np.ndarray) -> Turn | None:
+        """The rotation with which a rock that contacts hold falls at the least touch; None if it rests, or rolls."""
+        if (near["key"] >= FIRST_KEY).any():
+            return None
+        return balanced_on(near["arm_m"], near["normal"], self.size_m, self.load_m_s2())
 
     def hold(self, contacts: np.ndarray, loads_m_s2: Array) -> Flags:
         """Which loads (n, 3), in the axes of the support, some contacts hold."""
@@ -212,17 +213,23 @@ class GroundedBody:
     def resting_pose(self) -> Array:
         """The pose in which the rock stands: that of the scene if its contacts hold it, else let down from it.
 
-        One that touches with its smooth surface, and with no point or edge beside it, may be balanced: it is turned a
-        little, and rolls back or falls.
+        One that is balanced, or may be, as it touches with its smooth surface and with no point or edge beside it, is
+        turned a little, and goes back or falls.
         """
         pose = self.touching(self.pose)
         near = self.contacts(pose, RESTING_SHARE * self.size_m)
-        own = np.isin(near["key"] >> 60, (_OF_POINT, _OF_EDGES))
-        if self.hold(near, self.load_m_s2()[None])[0] and (own.any() or not self.rolls_on_facets):
-            return pose
+        own = np.isin(near["key"] >> 60, (_OF_POINT, _OF_EDGES)).any()
+        turn = None if own or not self.rolls_on_facets else Turn(np.zeros(3), np.array([1.0, 0.0, 0.0]))
+        if self.hold(near, self.load_m_s2()[None])[0]:
+            turn = turn or self._balanced_on(near)
+            if turn is None:
+                return pose
+        if turn is not None:
+            nudge = Rotation.from_rotvec(_NUDGE_RAD * turn.axis)
+            moved_m, attitude = turn.arm_m - nudge.apply(turn.arm_m), nudge * Rotation.from_quat(pose[3:])
+            pose = np.concatenate([pose[:3] + moved_m, attitude.as_quat()])
         if self.rolls_on_facets:
-            nudged = Rotation.from_rotvec([_NUDGE_RAD, 0.0, 0.0]) * Rotation.from_quat(pose[3:])
-            return self.rolled_to_rest(np.concatenate([pose[:3], nudged.as_quat()]))
+            return self.rolled_to_rest(pose)
         step_s = SETTLING_STEP * math.sqrt(self.size_m / self.gravity_m_s2)
         sim = self.clockless(pose, step_s)
         for _ in range(200):
@@ -242,11 +249,14 @@ class GroundedBody:
 
     @cached_property
     def rests_nearby(self) -> bool:
-        """Whether it stands in the pose of the scene or, having settled, near it."""
+        """Whether it stands in the pose of the scene or, having settled, near it.
+
+        One that rolls may move farther, by the rotation of its base.
+        """
         pose = self.resting_pose
         upright = self._up_in_body(self.pose)
         tilt_rad = float(np.arccos(np.clip(upright @ self._up_in_body(pose), -1.0, 1.0)))
-        most_m = _FARTHEST_SETTLING * np.ptp(self.rock.vertices_m @ upright)
+        most_m = FARTHEST_SETTLING * np.ptp(self.rock.vertices_m @ upright)
         if self.rolls_on_facets:
             most_m += tilt_rad * self.farthest_m
         near = np.linalg.norm(pose[:3] - self.pose[:3]) <= most_m and np.degrees(tilt_rad) <= TOPPLED_TILT_DEG

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -70,10 +71,11 @@ def held_up_to_m_s2(
         Infinite where they hold the largest, None where they do not hold the least.
     """
     (held, most), g, size_m = span, float(np.linalg.norm(load_m_s2)), math.sqrt(np.trace(inertia_m2))
+    moves_under = from_rest(contacts, friction, inertia_m2)
 
     def holds(acceleration_m_s2: float) -> bool:
         force = load_m_s2 + acceleration_m_s2 * push
-        moves = acceleration_from_rest(contacts, friction, inertia_m2, force)
+        moves = moves_under(force)
         fastest = np.linalg.norm(moves[:3]) + size_m * np.linalg.norm(moves[3:])
         return bool(fastest <= _UNMOVED * np.linalg.norm(force))
 
@@ -91,16 +93,18 @@ def held_up_to_m_s2(
     return held
 
 
-def acceleration_from_rest(
-    contacts: np.ndarray, friction: float, inertia_m2: Array, force_m_s2: Array
-) -> Array:
-    """Acceleration and rotational acceleration (6,) of a rock at rest on contacts, as of :func:`held_up_to_m_s2`."""
-    contacts, moves = contacts.copy(), np.append(force_m_s2, np.zeros(3))
-    for name in ("floor_m_s", "impulse", "slip_m_s"):
-        contacts[name] = 0.0
-    enough = _ENOUGH * float(np.linalg.norm(force_m_s2))
-    _solve(contacts, friction, np.linalg.inv(inertia_m2), moves, enough, solver_room(len(contacts)))
-    return moves
+def from_rest(contacts: np.ndarray, friction: float, inertia_m2: Array) -> Callable[[Array], Array]:
+    """Acceleration and rotational acceleration (6,) of a rock at rest on contacts, by the force (3,) over its mass."""
+    contacts, inverse, room = contacts.copy(), np.linalg.inv(inertia_m2), solver_room(len(contacts))
+    contacts["floor_m_s"] = 0.0
+
+    def moves_under(force_m_s2: Array) -> Array:
+        contacts["impulse"] = contacts["slip_m_s"] = 0.0
+        moves, enough = np.append(force_m_s2, np.zeros(3)), _ENOUGH * float(np.linalg.norm(force_m_s2))
+        _solve(contacts, friction, inverse, moves, enough, room)
+        return moves
+
+    return moves_under
 
 
 @compiled

@@ -25,7 +25,13 @@ import numpy as np
 from toppling.models.compiled import Array, Indices, Vector, compiled, inner
 from toppling.models.frames import horizontal_unit_vector, plane_axes
 from toppling.models.ground.rigid import dot, minus, plus, turned, turned_back
-from toppling.models.pedestal import CONTACT_SHARE_OF_HEIGHT, TOPPLED_FALL, TOPPLED_TILT_DEG, Pedestal
+from toppling.models.pedestal import (
+    CONTACT_SHARE_OF_HEIGHT,
+    FARTHEST_SETTLING,
+    TOPPLED_FALL,
+    TOPPLED_TILT_DEG,
+    Pedestal,
+)
 from toppling.models.relief import contact_feet_m
 from toppling.models.rock import Rock
 
@@ -66,6 +72,7 @@ class Seat:
     frame: Array  # rows: axes of the plane and its normal, scene frame
     inertia_m2: Array  # (3, 3): over mass, in that frame
     tolerance_m: float
+    farthest_m: float  # that it may settle
 
     @classmethod
     def of(cls, rock: Rock, pedestal: Pedestal) -> Seat:
@@ -75,26 +82,29 @@ class Seat:
         lowest = np.array([0.0, 0.0, points[:, 2].min()])
         com = (rock.com_m - pedestal.point_m) @ frame.T - lowest
         inertia_m2 = frame @ rock.inertia_per_mass_m2 @ frame.T
-        return cls(points - lowest, com, frame, inertia_m2, CONTACT_SHARE_OF_HEIGHT * rock.height_m)
+        shares = np.array([CONTACT_SHARE_OF_HEIGHT, FARTHEST_SETTLING])
+        return cls(points - lowest, com, frame, inertia_m2, *(shares * rock.height_m))
 
     def path(self, gravity_m_s2: float, azimuth_deg: float) -> tuple[float, float]:
-        """Accelerations at lift-off and at toppling."""
+        """Accelerations at lift-off and at toppling; both 0 for a rock that does not stand where it is."""
         left = [acceleration for *_, acceleration in self.rests(gravity_m_s2, azimuth_deg)]
         return (left[0], left[-1]) if left else (0.0, 0.0)
 
     def rests(self, gravity_m_s2: float, azimuth_deg: float) -> Iterator[tuple[Array, Array, float]]:
-        """Stable poses on the path: rotation (3, 3) and shift (3,) from the start, and the acceleration each bears."""
+        """Stable poses on the path: rotation (3, 3) and shift (3,) from the start, and the acceleration each bears.
+
+        None where the first, in which the rock settles, is not near the start.
+        """
         gravity = self.frame @ np.array([0.0, 0.0, -gravity_m_s2])
         push = -self.frame @ horizontal_unit_vector(azimuth_deg)
-        rolling, acceleration = self._rolling(), -1.0
-        while (acceleration := _next_rest(rolling, gravity, push, acceleration)) >= 0.0:
-            yield rolling.turn.copy(), rolling.shift.copy(), acceleration
-
-    def fallen(self, gravity: Array) -> tuple[Array, Array] | None:
-        """Stable pose under gravity alone, plane's frame, as of :meth:`rests`; None if the rock topples."""
         rolling = self._rolling()
-        stands = _next_rest(rolling, gravity, np.zeros(3), -1.0) >= 0.0
-        return (rolling.turn, rolling.shift) if stands else None
+        acceleration = _next_rest(rolling, gravity, push, -1.0)
+        settled_m = rolling.turn @ self.com + rolling.shift - self.com
+        if np.linalg.norm(settled_m) > self.farthest_m:
+            return
+        while acceleration >= 0.0:
+            yield rolling.turn.copy(), rolling.shift.copy(), acceleration
+            acceleration = _next_rest(rolling, gravity, push, acceleration)
 
     def _rolling(self) -> _Rolling:
         points, count = np.ascontiguousarray(self.points), len(self.points)

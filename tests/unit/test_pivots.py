@@ -76,12 +76,6 @@ def test_contacts_that_are_turned_with_the_push_answer_the_same(turned_deg, azim
     assert turned == pytest.approx(tips_m_s2(FEET, normals, 1.0, DOWN, push(azimuth_deg)), rel=1e-9)
 
 
-def test_contacts_on_one_line_or_at_one_place_are_no_rest():
-    up = np.tile([0.0, 0.0, 1.0], (2, 1))
-    assert tips_m_s2(FEET[:2], up, 1.0, DOWN, push(0.0)) is None
-    assert tips_m_s2(FEET[[0, 0]], up, 1.0, DOWN, push(0.0)) is None
-
-
 @pytest.mark.parametrize("friction", [0.2, 0.3, 0.9])
 @pytest.mark.parametrize("slope_deg", [0.0, 8.0])
 def test_a_block_on_an_incline_slides_at_the_angle_of_friction_and_tips_at_its_slenderness(

@@ -4,8 +4,10 @@ import math
 
 import numpy as np
 import pytest
+import trimesh
+from refusals import refused
 from scipy.spatial.transform import Rotation
-from test_ground import block_on
+from test_ground import block, block_on, strips
 
 from toppling.models.compiled import compiled
 from toppling.models.ground.equilibrium import are_held, held_until, wrenches
@@ -15,6 +17,7 @@ from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.workers.options import PRESETS
 from toppling.workers.problem import Problem
+from toppling.workers.seating import settled
 from toppling.workers.shaking import Shaking, shake
 
 STEP_S = 0.01
@@ -126,3 +129,21 @@ def test_a_rock_that_rocks_slowly_on_two_of_its_feet_has_not_lodged():
     pose[3:] = (tilt * Rotation.from_quat(start[3:])).as_quat()
     result = shaking.result("rest", trajectory=False)
     assert (result.outcome, result.toppled) == ("moved", False)
+
+
+@pytest.mark.parametrize("ground", [None, strips([(-6.0, -0.6), (0.0, 0.0), (6.0, -0.6)])])
+def test_a_rock_that_is_balanced_is_at_rest_for_statics_where_it_is_for_shakes(ground):
+    """On its tip an icosahedron falls; over a ridge a slab tilts until its base lies on a side of it."""
+    tall = trimesh.creation.icosahedron()
+    tall.apply_transform(trimesh.geometry.align_vectors(tall.vertices[0], [0.0, 0.0, -1.0]))
+    falls = Scene.from_mesh((tall.vertices - [0.0, 0.0, tall.bounds[0, 2]], tall.faces), pedestal=ground)
+    assert {limits.tips_m_s2 for limits in falls.statics([0.0, 90.0])} == {0.0}
+    with refused("rock.does_not_stand"):
+        settled(falls)
+    slab = block(ground, half_height=0.08)
+    rests = settled(slab)
+    moved_m = np.abs(rests.rock.vertices_m - slab.rock.vertices_m).max()
+    assert moved_m == pytest.approx(0.0 if ground is None else 0.1 * 0.2, rel=0.1, abs=1e-9)
+    assert np.array(slab.statics([0.0, 90.0])) == pytest.approx(
+        np.array(rests.statics([0.0, 90.0])), rel=1e-3
+    )

@@ -76,10 +76,6 @@ def _shortened(text: str) -> str:
     return text if len(text) <= _LONGEST else f"{text[:half]} ... {text[-half:]}"
 
 
-_LONGEST_WORD = 60
-"""Maximum number of letters of a word that is compared, at quadratic cost."""
-
-
 def counted(number: int, noun: str) -> str:
     """Format a number with a noun in singular or plural.
 
@@ -101,8 +97,6 @@ def nearest(word: str, known: Iterable[str]) -> str | None:
     >>> nearest("pga", ["scene", "pga_m_s2"])
     'pga_m_s2'
     """
-    if len(word) > _LONGEST_WORD:
-        return None
     by_lower = {name.lower(): name for name in known}
     asked = word.lower()
     for name in by_lower:

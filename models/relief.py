@@ -126,7 +126,7 @@ def _crossings(ground: Array, rock: Array) -> Iterator[Array]:
     tree = cKDTree(rock_middle)
     radius = (1.0 + 1e-6) * (reach + rock_reach.max())
     for piece, above in _near(tree, middle, radius):
-        yield _feet_where_they_cross(ground[owner[piece]], rock[rock_owner[above]])
+        yield _crossing_points(ground[owner[piece]], rock[rock_owner[above]])
 
 
 def _near(
@@ -159,7 +159,7 @@ def _pieces(
     return owner, start[owner] + share[:, None] * along[owner], np.repeat(0.5 * length / count, count)
 
 
-def _feet_where_they_cross(below: Array, above: Array) -> Array:
+def _crossing_points(below: Array, above: Array) -> Array:
     """Feet of those pairs of edges (n, 2, 3) that cross in plan.
 
     If another layer lies between the two, the foot is above that layer's feet, and so never touches.

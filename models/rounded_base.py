@@ -124,7 +124,7 @@ def _over_facets_m_s2(rock: Rock) -> Array:
 
 
 def _rolling_m_s2(rock: Rock) -> Array:
-    """The same of one that rolls on the smooth surface of its base."""
+    """Least toppling accelerations on a level plane of a rock that rolls on the smooth surface of its base."""
     from toppling.models.ground.body import GroundedBody
     from toppling.models.tipping import limits_on_surface  # which compile
 

@@ -244,7 +244,7 @@ class Scene(Described):
         :mod:`toppling.models.tipping`, where one that does not stand by itself has zeros.
         """
         given = ground_accelerates_toward_deg
-        azimuths = [azimuth_of(each) for each in ([given] if isinstance(given, str | Real) else given)]
+        azimuths = [azimuth_of(azimuth) for azimuth in ([given] if isinstance(given, str | Real) else given)]
         if self.rolls or not self.ground.is_plane:
             from toppling.models.tipping import limits_on_surface
 

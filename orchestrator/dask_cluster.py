@@ -67,7 +67,7 @@ def may_be_lost(error: BaseException) -> bool:
     return of_network or error.errno is None or error.errno in _UNREACHABLE  # Dask's own have no number
 
 
-def make_ready(client: Client, *run_keys: RunKey, tell: Callable[[str], object] = lambda _: None) -> None:
+def make_ready(client: Client, *run_keys: RunKey, report: Callable[[str], object] = lambda _: None) -> None:
     """Prepare a cluster for the jobs of runs: :func:`check_workers`, and workers that shut down gracefully.
 
     A lost external scheduler is awaited at its address.
@@ -79,7 +79,7 @@ def make_ready(client: Client, *run_keys: RunKey, tell: Callable[[str], object] 
         try:
             if client.status == "running":
                 # First, because it reports workers that cannot load the plugin for graceful shutdown.
-                check_workers(client, *run_keys, tell=tell)
+                check_workers(client, *run_keys, report=report)
                 return let_leave_in_order(client)
         except OSError as error:
             if not may_be_lost(error):
@@ -97,7 +97,9 @@ def make_ready(client: Client, *run_keys: RunKey, tell: Callable[[str], object] 
     raise RunError(f"{LOST}, and none came back within {BACK_WITHIN_S:g} s")
 
 
-def check_workers(client: Client, *run_keys: RunKey, tell: Callable[[str], object] = lambda _: None) -> None:
+def check_workers(
+    client: Client, *run_keys: RunKey, report: Callable[[str], object] = lambda _: None
+) -> None:
     """Let every worker load the assets of the first run key; hosts that lack assets of any key receive them.
 
     tell: receives the activity if workers must compile first.
@@ -106,7 +108,7 @@ def check_workers(client: Client, *run_keys: RunKey, tell: Callable[[str], objec
     """
     _wait_for_a_worker(client)
     if True in client.run(must_compile, on_error="return").values():
-        tell(COMPILING)
+        report(COMPILING)
     answers = client.run(check, run_keys[0], on_error="return")
     lacking = {
         worker: NotDeliveredError(answer.host, worker)

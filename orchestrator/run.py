@@ -109,7 +109,7 @@ class _Session:
             if not len(left) and not audit_due(planned, folder):
                 return
 
-        def tell(activity: str) -> None:
+        def report(activity: str) -> None:
             progress.what = activity
             watch(progress)
 
@@ -124,7 +124,7 @@ class _Session:
             work = Work(
                 planned, folder, versions(planned.campaign.engine), client, watch, progress, limits, self.redo
             )
-            make_ready(client, *work.run_keys, tell=tell)
+            make_ready(client, *work.run_keys, report=report)
             progress.began = time.monotonic()  # a batch system may have kept it waiting for hours
             if weighs:
                 weigh_bases(work, run)

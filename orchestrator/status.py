@@ -27,7 +27,7 @@ _REMEDIES = {
     "speed_limit": "try the preset reference",
     "time_cap": "count it as neither",
 }
-"""What to do about jobs by the rule that ended them without an answer: done again they end alike."""
+"""Remedy for jobs without an answer, by the rule that ended them: repeating such a job ends in the same rule."""
 
 
 @dataclass(frozen=True)

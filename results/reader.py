@@ -331,7 +331,7 @@ class Run(Described):
         """Report of the scan of the run's scene; empty without one."""
         return dict(self._scene_document().get("report") or {})
 
-    def on_one_base(self, jobs: pd.DataFrame) -> bool:
+    def on_single_base(self, jobs: pd.DataFrame) -> bool:
         """Whether given jobs are all on the same base of a rock with drawn bases."""
         return (self.scene_folder / BASES).exists() and jobs["realisation"].nunique() == 1
 

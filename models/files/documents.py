@@ -231,7 +231,7 @@ def whole(low: int, high: int) -> Kind:
     )
 
 
-def one_of(*words: str) -> Kind:
+def choice(*words: str) -> Kind:
     """One of some words."""
     return Kind(f"one of {', '.join(words)}", lambda value: isinstance(value, str) and value in words)
 

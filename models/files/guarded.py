@@ -84,7 +84,7 @@ def read_guarded(reader: str, path: Path, libraries: Sequence[str] = ()) -> _Rea
         raise InputError(**(answer["refusal"] | {"where": where}))
     if "failure" in answer:
         raise _damaged("file.unreadable", f"cannot be read ({answer['failure']})", path)
-    return answer["said"], arrays
+    return answer["result"], arrays
 
 
 @dataclass(frozen=True)
@@ -211,7 +211,7 @@ def _serve(request: dict[str, Any], answers: BinaryIO) -> None:
         _limit(request["memory_bytes"], request["processor_s"])
         result, arrays = read(Path(request["path"]))
         arrays = [np.ascontiguousarray(array) for array in arrays]
-        answer = {"said": result, "arrays": [(array.dtype.str, array.shape) for array in arrays]}
+        answer = {"result": result, "arrays": [(array.dtype.str, array.shape) for array in arrays]}
     except InputError as error:
         answer = {"refusal": vars(error) | {"where": error.where}}
     except MemoryError:
@@ -220,7 +220,7 @@ def _serve(request: dict[str, Any], answers: BinaryIO) -> None:
         message = str(error).strip().partition("\n")[0]  # what follows is for the library's authors
         answer = {"failure": f"{type(error).__name__}: {message[:500]}"}
     _unlimit()
-    if "said" not in answer:
+    if "result" not in answer:
         arrays = []
     header = json.dumps(answer).encode()
     answers.write(len(header).to_bytes(_HEADER_BYTES, "big") + header)

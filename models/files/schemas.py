@@ -16,7 +16,7 @@ from toppling.models.files.documents import (
     Kind,
     between,
     check_shape,
-    one_of,
+    choice,
     shown,
     whole,
 )
@@ -90,7 +90,7 @@ def check_run_document(
 BASES = "bases.json"
 """File of a scene with the draws of its base."""
 LABELS, WORKED_OUT = "labels.npz", "worked_out.npz"
-"""What a scan leaves beside its scene: the label of each point, and what a later hint draws the base anew from."""
+"""Files of a scan in its scene's folder: the label of each point, and the data from which hints redraw the base."""
 GEOMETRY = ("rock.ply", "pedestal.ply", BASES)
 
 SCHEMA_VERSION = 1
@@ -125,7 +125,7 @@ _REPORT = {
         "touches_at_gaps?": [{"place": whole(1, 1_000_000), "gap_m": _SPREAD}],
         "pulls_beyond?": [{"azimuth_deg": _AZIMUTH, "ratio": _SPREAD, "low": _SPREAD, "high": _SPREAD}],
         "next_observations?": [
-            {"kind": one_of("look", "pull"), "from_deg": _AZIMUTH, "to_deg": between(0.0, 720.0), "width": _SPREAD},
+            {"kind": choice("look", "pull"), "from_deg": _AZIMUTH, "to_deg": between(0.0, 720.0), "width": _SPREAD},
         ],
     },
 }  # fmt: skip
@@ -137,7 +137,7 @@ _SHAPE: dict[str, Any] = {
         "volume_m3": between(0.0, 1e12), "com_m": _PLACE, "inertia_per_mass_m2": [[NUMBER, 3], 3],
         "height_m": between(0.0, 1e8),
     },
-    "pedestal": {"kind": one_of("plane", "surface")},
+    "pedestal": {"kind": choice("plane", "surface")},
     "interface": {
         "slope_deg": between(0.0, 180.0), "downhill_azimuth_deg": _AZIMUTH, "point_m": _PLACE,
         "normal": [between(-1.0, 1.0), 3], "given_by?": TEXT, "roughness_m?": _SPREAD.or_null(),

@@ -325,7 +325,7 @@ class Claim:
     loss: InputError | None = field(init=False, default=None)
     """Why this process may not write any more."""
     _text: bytes = field(init=False, default=b"")
-    """What the object holds as long as this process may write; empty while it has not claimed the folder."""
+    """Content of the claim's object while this process may write; empty before the folder is claimed."""
 
     def take(self, *, over: bool = False) -> None:
         """Claim the folder.

@@ -132,9 +132,9 @@ class Table(TextFile):
         # Rows are made one by one: of a small file with many of them each copy would take a hundred times its size.
         found = ((first + reader.line_num - 1, [cell.strip() for cell in row]) for row in reader)
         if sign is None:
-            one_column = len(plain) > 1 and all(len(line.split()) < 2 for line in plain[1:])
+            single_column = len(plain) > 1 and all(len(line.split()) < 2 for line in plain[1:])
             words = ((n, line.split()) for n, line in enumerate(plain, first))
-            found = ((n, [" ".join(row)] if one_column else row) for n, row in words)
+            found = ((n, [" ".join(row)] if single_column else row) for n, row in words)
         try:
             rows = [
                 (n, row) for n, row in found if any(row) and (n == first or not row[0].startswith(_REMARKS))

@@ -126,7 +126,7 @@ def arias_m_s(acceleration: NDArray[np.float64], time_step_s: float) -> float:
     return float(np.pi / (2 * STANDARD_G_M_S2) * np.trapezoid(squared, dx=time_step_s))
 
 
-def duration_between_shares_s(squared: NDArray[np.float64], time_step_s: float) -> float:
+def significant_duration_s(squared: NDArray[np.float64], time_step_s: float) -> float:
     """Time from 5 to 95 % of the integral of a squared history (n,)."""
     build_up = np.zeros(len(squared))
     np.cumsum(0.5 * (squared[1:] + squared[:-1]), out=build_up[1:])
@@ -188,13 +188,13 @@ def measure(motion: Motion, component_azimuths_deg: tuple[float, float] = (0.0, 
         "pga_vertical_m_s2": float(np.abs(a[:, 2]).max()),
         "arias_m_s": arias_m_s(a[:, :2], step),
         "cav_m_s": float(np.trapezoid(length, dx=step)),
-        "duration_energy_s": duration_between_shares_s(component_velocity[:, strong] ** 2, step),
-        "duration_arias_s": duration_between_shares_s(length**2, step),
+        "duration_energy_s": significant_duration_s(component_velocity[:, strong] ** 2, step),
+        "duration_arias_s": significant_duration_s(length**2, step),
         "sa_1s_m_s2": float(sa[1.0]),
         "sa_2s_m_s2": float(sa[2.0]),
         "directionality": directionality(a[:, :2]),
         "strong_azimuth_deg": float(component_azimuths_deg[strong] % 360),
-        "duration_energy_vector_s": duration_between_shares_s(speed**2, step),
+        "duration_energy_vector_s": significant_duration_s(speed**2, step),
         "pga_h1_m_s2": component_pga[0],
         "pga_h2_m_s2": component_pga[1],
         "pgv_h1_m_s": component_pgv[0],

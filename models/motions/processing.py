@@ -28,14 +28,14 @@ DRIFTS = "highest tried; the displacement still drifts at the end"
 """How the history says that no corner passed the displacement check."""
 
 _RETURNED_SHARE = 0.5
-"""The same without a filter.
+"""Fraction of its peak below which the displacement at the end of an unfiltered record is sound.
 
 Of 110 records that agencies corrected 99 do; of 30 uncorrected ones each reaches .99.
 """
 _LEVEL_SHARE = 0.05
-"""Or it moves there by less than this share of its peak, a permanent displacement."""
-_CARRIED_S = 5.0
-"""Time in which the peak velocity could have made that, s: what drifts to and fro may be level, but is far larger."""
+"""Fraction of its peak by which a permanent displacement may still vary at the end."""
+_PEAK_VELOCITY_S = 5.0
+"""Largest plausible ratio of peak displacement to peak velocity, s; a drift that ends level by chance exceeds it."""
 
 
 def high_pass(motion: Motion, corner_hz: float) -> Motion:
@@ -148,5 +148,5 @@ def drifts(motion: Motion) -> bool:
     peak = size.max(axis=0)
     returns = size[start:].max(axis=0) <= _RETURNED_SHARE * peak
     level = np.ptp(ground[start:], axis=0) <= _LEVEL_SHARE * peak
-    plausible = peak <= _CARRIED_S * np.abs(velocity_m_s(motion)).max(axis=0)
+    plausible = peak <= _PEAK_VELOCITY_S * np.abs(velocity_m_s(motion)).max(axis=0)
     return not (returns | level & plausible).all()

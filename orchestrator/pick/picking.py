@@ -99,7 +99,7 @@ class Picking:
         self._user_hints = user_hints
         self._wanted, self._working, self._done = 1, 0, 0
         self._saving, self._saved, self._ended = False, 0, False
-        self._kept, self._answer = answer, answer
+        self._initial, self._answer = answer, answer
         self._drawn: dict[UserHints, Answer] = {}  # results of the current split, for undoing hints
         if answer is not None and answer.survey is not None:
             self._drawn[user_hints] = answer
@@ -144,7 +144,7 @@ class Picking:
                 "view": {"number": view.number, "counts": view.counts, "spacings_m": view.spacings_m},
                 "units": list(METRES),
                 "kinds": KINDS,
-                "again": self._kept is not None,
+                "again": self._initial is not None,
                 "placed": self._placed.placement.by.startswith("--gcp"),
                 "hints": dataclasses.asdict(self._user_hints),
                 "ends_m": None if length is None else self._placed.metres(np.array(length[:2])).tolist(),
@@ -212,7 +212,7 @@ class Picking:
 
     def _split(self, user_hints: UserHints) -> Answer:
         """Split the cloud by hints, and update the view."""
-        if self._kept is not None:
+        if self._initial is not None:
             raise InputError(
                 "pick.needs_clouds",
                 "this needs the clouds, of which the scan has stored only the rock's surroundings",

@@ -390,8 +390,8 @@ def _joint_branches(
 ) -> tuple[tuple[EventBranch, ...], float]:
     """Joint rate of each branch, and the largest misfit of the second measure's rates."""
     joints = [
-        joint_rate(one.curve, other.curve, scatter)
-        for one, other in zip(first.branches, second.branches, strict=True)
+        joint_rate(first_branch.curve, second_branch.curve, scatter)
+        for first_branch, second_branch in zip(first.branches, second.branches, strict=True)
     ]
     branches = tuple(
         replace(events, name=branch.name, model=branch.model, weight=branch.weight)

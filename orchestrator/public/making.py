@@ -175,8 +175,8 @@ def written_again(
     scene: folder of the former scene.
     replaces: whether the other folder may exist.
     """
-    with np.load(scene / LABELS) as kept:
-        again = Survey(drawn, kept["label"], (), stored)
+    with np.load(scene / LABELS) as stored_labels:
+        again = Survey(drawn, stored_labels["label"], (), stored)
     target, stated = out or scene, stated_hints(stored.stated, stored.inspection)
     return Scanned(drawn, target, written(again, target, stated, replaces=replaces or out is None))
 

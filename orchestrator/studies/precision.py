@@ -122,7 +122,7 @@ class JobsForPrecision:
             "rounds chosen",
             jobs=sum(sizes),
             ended=self.ended,
-            said=[statement["sentence"] for statement in self.statements],
+            sentences=[statement["sentence"] for statement in self.statements],
         )
 
     def _statement(
@@ -144,14 +144,14 @@ def borne_words(campaign: Campaign) -> str:
     assert campaign.precision is not None
     catalog = Ensemble.load(campaign.ensemble).catalog.to_pandas()
     of_records = earthquakes(catalog[catalog["record_id"].isin(campaign.records or catalog["record_id"])])
-    records, shares = len(of_records), of_records.value_counts(normalize=True)
-    worth = 1.0 / (EVENT_SHARE * float((shares**2).sum()) + (1.0 - EVENT_SHARE) / max(records, 1))
+    records, fractions = len(of_records), of_records.value_counts(normalize=True)
+    worth = 1.0 / (EVENT_SHARE * float((fractions**2).sum()) + (1.0 - EVENT_SHARE) / max(records, 1))
     borne = _target_of(campaign.target or TargetSpec()).borne_by(worth)
     if borne is None:
         return ""
     asked = f"±{100 * campaign.precision:.2g} %"
     ends = asked if borne <= campaign.precision else f"what they bear, and {asked} may need more of them"
-    of = "" if len(shares) == records else f" of {len(shares)} earthquakes"
+    of = "" if len(fractions) == records else f" of {len(fractions)} earthquakes"
     return f"{counted(records, 'record')}{of} bear about ±{100 * borne:.2g} % at a usual beta: the run ends at {ends}"
 
 

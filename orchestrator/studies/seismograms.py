@@ -242,7 +242,7 @@ def check(
     factors = neighbouring_factors(largest, neighbours)
     advance(0, total=len(read.found) * len(factors))
     load = lru_cache(maxsize=None)(Ensemble.load)
-    records = (load(one.ensemble).record(one.record_id) for one in read.found)
+    records = (load(entry.ensemble).record(entry.record_id) for entry in read.found)
     verdicts = [judged(rock, record, factors, preset, advance) for record in records]
     return Checked(verdicts, read.remarks, read.notes)
 

@@ -88,7 +88,7 @@ def _print_result(drawn: "Fragility", *, weighted: bool) -> None:
         if curves := drawn.curves[contact]:
             curve = curves.get(HEADLINE_MEASURE) or next(iter(curves.values()))
             click.echo(
-                what_topples(curve, contact_words(of_contact, jobs), drawn.run.on_one_base(of_contact))
+                what_topples(curve, contact_words(of_contact, jobs), drawn.run.on_single_base(of_contact))
             )
             if narrowed := narrowed_by(curve.interval_parts, drawn.run.scene_report()):
                 click.echo(narrowed)

@@ -133,7 +133,7 @@ def magnitudes(
     at_traces = (
         exclusion.motion_grid(grid_of, weights, [trace.distance_km for trace in traces]) if traces else None
     )
-    occurrences = [exclusion.one_event(confidence, count) for count in dict.fromkeys(events)]
+    occurrences = [exclusion.event_count(confidence, count) for count in dict.fromkeys(events)]
     occurrences += [
         exclusion.recurring(confidence, years, every)
         for every in dict.fromkeys(recurrence)

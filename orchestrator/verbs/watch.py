@@ -76,7 +76,7 @@ def _headline(run: Run, jobs: "pd.DataFrame", among: "pd.DataFrame") -> str:
 
     if (curve := curve_over(jobs, HEADLINE_MEASURE)) is None:
         return ""
-    first = what_topples(curve, contact_words(jobs, among), run.on_one_base(jobs))
+    first = what_topples(curve, contact_words(jobs, among), run.on_single_base(jobs))
     return f"{first} {narrowed_by(curve.interval_parts, run.scene_report())}"
 
 

@@ -190,8 +190,8 @@ def bootstrap(
         return Resampled(refits, fitted_again, len(records), turns)
     rock = str(frame["scene_id"].iloc[0]) if "scene_id" in frame else ""
     shift = spread.drawn(len(refits), np.random.default_rng([seed, zlib.crc32(rock.encode())]))
-    on_one = (refits + np.outer(shift, np.eye(1, design.shape[1])[0])) / spread.within
-    return Resampled(on_one, fitted_again, len(records), turns, refits)
+    on_single_base = (refits + np.outer(shift, np.eye(1, design.shape[1])[0])) / spread.within
+    return Resampled(on_single_base, fitted_again, len(records), turns, refits)
 
 
 def sampled(

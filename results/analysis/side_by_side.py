@@ -44,7 +44,9 @@ class RockResults:
         """Remark that all jobs are on one of the possible bases; empty otherwise."""
         known = answered(self.jobs)
         return (
-            "on one of the bases that the scan allows" if len(known) and self.run.on_one_base(known) else ""
+            "on one of the bases that the scan allows"
+            if len(known) and self.run.on_single_base(known)
+            else ""
         )
 
     @property

@@ -50,8 +50,8 @@ class Unphysical:
     def sentence(self) -> str:
         """Summary for a reader."""
         named = [
-            f"{one.record_id} ({words(one.factor, one.pgv_m_s, one.pgd_m)}, {counted(one.toppled, 'toppling')})"
-            for one in self.records
+            f"{r.record_id} ({words(r.factor, r.pgv_m_s, r.pgd_m)}, {counted(r.toppled, 'toppling')})"
+            for r in self.records
         ]
         part = (
             f", {self.toppled / self.of_toppled:.0%} of all topplings".replace("%", " %")

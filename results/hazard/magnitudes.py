@@ -169,7 +169,7 @@ def effects(models: Sequence[GroundMotionModel], grid: MotionGrid) -> list[dict[
     return found
 
 
-def one_event(confidence: float, events: int = 1) -> Occurrence:
+def event_count(confidence: float, events: int = 1) -> Occurrence:
     """Occurrence of an earthquake a given number of times."""
     name = "one event" if events == 1 else f"{events} events"
     return Occurrence(name, confidence, lambda p: (1.0 - p) ** events)
@@ -267,7 +267,7 @@ def excluded_bins(
     ]
     beyond = np.any([(m != magnitude) | (r != distance) for m, r in within], axis=0)
     there = _motions(models, grid, within)
-    topples = toppled(there, fragility, one_event(0.5))
+    topples = toppled(there, fragility, event_count(0.5))
     tables = [
         pd.DataFrame({
             "occurrence": case.name, "magnitude": magnitude, "distance_km": distance, "share": share / share.sum(),
@@ -341,7 +341,7 @@ class Exclusions:
             return None
         at = {name: getattr(self.at_traces, name)[..., number] for name in ("mean", "sigma", "between_sites")}
         there = replace(self.at_traces, **at)
-        single = toppled(there, self.rock.curve, one_event(0.5))
+        single = toppled(there, self.rock.curve, event_count(0.5))
         return float(np.interp(trace.magnitude, self.at_traces.magnitude, single))
 
     def statement(self) -> dict[str, Any]:

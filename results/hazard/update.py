@@ -82,11 +82,11 @@ class Exceedance:
         if self.squares is not None:
             with np.errstate(divide="ignore", invalid="ignore"):
                 effective = (weights @ self.rates) ** 2 / (weights**2 @ self.squares)  # Kish
-                of_one = np.nanmax(self.squares / self.rates, axis=0, initial=0.0)
+                largest_event_rate = np.nanmax(self.squares / self.rates, axis=0, initial=0.0)
             few = ~(effective > FEW - 1e-6)  # rounded
             # A fractile is the rate of one branch, which its own events support.
             fractiles = {
-                q: np.where(few | (rates < (FEW - 1e-6) * of_one), math.nan, rates)
+                q: np.where(few | (rates < (FEW - 1e-6) * largest_event_rate), math.nan, rates)
                 for q, rates in found.fractiles.items()
             }
             return Statistics(self.levels, np.where(few, math.nan, found.mean), fractiles)

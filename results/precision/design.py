@@ -317,18 +317,18 @@ def choose(pool: Pool, chosen: _Numbers, size: int, seed: int, verdict: Verdict,
     probabilities = low + (high - low) * (random.permutation(size) + random.random(size)) / size
     at_random = random.random(size) < _RANDOM_FRACTION
     curve, log_x = verdict.curve, pool.log_x[verdict.measure]
-    tells = np.ones(log_x.shape, bool)
+    informative = np.ones(log_x.shape, bool)
     if curve is not None:
         expected = ndtr(curve.coefficients[0] + curve.coefficients[1] * log_x)
-        tells = (expected > _OUTSIDE * low) & (expected < 1.0 - _OUTSIDE * (1.0 - high))
+        informative = (expected > _OUTSIDE * low) & (expected < 1.0 - _OUTSIDE * (1.0 - high))
     found: list[int] = []
     for index, (share, random_level) in enumerate(zip(probabilities, at_random, strict=True)):
         open_records = np.asarray(free.any(axis=(1, 2)))
         if not open_records.any():
             break
-        telling = np.asarray((free & tells[:, None, :]).any(axis=(1, 2)))
-        designed = curve is not None and not random_level and bool(telling.any())
-        record = _least_visited(telling if designed else open_records, visits, seed)
+        informative_records = np.asarray((free & informative[:, None, :]).any(axis=(1, 2)))
+        designed = curve is not None and not random_level and bool(informative_records.any())
+        record = _least_visited(informative_records if designed else open_records, visits, seed)
         cell = _in_turn(seed, len(chosen) + index, pool.rows.shape[1])
         if curve is None or not designed:
             order = random.permutation(pool.rows.shape[2])

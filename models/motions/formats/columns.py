@@ -322,8 +322,8 @@ def read(file: RecordText) -> list[Component]:
     step, start_s = _times(file, layout, roles, values, rows)
     text = [line for n, line in enumerate(above) if n != layout.names_at or not layout.columns]
     integrated = None if first_found(_ACCELERATED, above) else first_found(_INTEGRATED, text)
-    for said in filter(None, (integrated, first_found(_CHANGED, text))):
-        what = f"{file.path.name}: {shown(said[0].strip())} stands above samples read as acceleration as they are"
+    for statement in filter(None, (integrated, first_found(_CHANGED, text))):
+        what = f"{file.path.name}: {shown(statement[0].strip())} stands above samples read as acceleration as they are"
         warnings = (*warnings, what)
     check_stated(text, step, (len(values), len(roles.components)), file.path)
     unit, place = stated_unit(text), place_above(above)
@@ -398,9 +398,9 @@ def _times(
             "record.time_unit_unknown", layout.names_at or 0, f"the time is in {unit!r}", expected, remedy
         )
     since_1970 = next((factor for least, factor in _EPOCHS.items() if time[0] >= least), 1.0)
-    one_s = UNITS_S[unit] if unit else since_1970
+    unit_s = UNITS_S[unit] if unit else since_1970
     printed = [row.split()[roles.time] for row in rows if row]
-    return _time_step(file, layout.first, time, printed) * one_s, float(time[0]) * one_s
+    return _time_step(file, layout.first, time, printed) * unit_s, float(time[0]) * unit_s
 
 
 def _refuse_columns(file: RecordText, layout: _Layout) -> NoReturn:

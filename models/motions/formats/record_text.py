@@ -18,7 +18,7 @@ from toppling.models.motions.formats.units import UNITS_S, acceleration_m_s2
 SURPLUS_SHARE = 0.01
 """Error of a count that programs make, as a fraction of the samples; beyond it something is missing."""
 ROWS_OFF = 2
-"""The same in rows, where that is more."""
+"""Error of a count in rows that is allowed for short records, where it exceeds `SURPLUS_SHARE`."""
 _NEAR = 200
 """Number of samples on both sides of a place between two rows with which its bend is compared."""
 _JUMP_RATIO = 4.0
@@ -36,7 +36,7 @@ _COMMA_NUMBER = re.compile(r"\s*[-+]?(?:\d+,\d*|,\d+|\d+)(?:[EeDd][-+]?\d+)?\s*$
 
 _NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
 _PAIR = re.compile(r"\W*([^:=]{1,80}?)\s*[:=]\s*(\S.*)")
-"""What a line above samples states: a key and its value."""
+"""A key and its value, as a line above the samples states them."""
 _OF_SAMPLES = r"(?:(?:acc\w*|data|samples?|amplitude|field|record|signal|channel)[ _-]+)*"
 """Words before such a key: after any other ('original', 'scale', 'PGA') it states something of other samples."""
 _KEYS = {
@@ -317,8 +317,8 @@ def stated_unit(lines: Sequence[str]) -> float | None:
     """One unit of the samples in m/s2, where the lines name one acceleration's unit and no other."""
     found = set()
     for _, value in _stated(lines, "unit"):
-        ways = (value.strip(), *re.split(r"[(),]| {2,}", value))
-        found.add(next(filter(None, map(acceleration_m_s2, ways)), None))
+        spellings = (value.strip(), *re.split(r"[(),]| {2,}", value))
+        found.add(next(filter(None, map(acceleration_m_s2, spellings)), None))
     found.discard(None)
     return found.pop() if len(found) == 1 else None
 

@@ -74,9 +74,9 @@ class Content:
         return max(self.contacts, key=lambda contact: tuple(contact.jobs[FRICTION].iloc[0]))
 
     @property
-    def on_one_base(self) -> bool:
+    def on_single_base(self) -> bool:
         """Whether the headline's jobs are on one of the bases that a scan allows."""
-        return self.run.on_one_base(self.chief.jobs)
+        return self.run.on_single_base(self.chief.jobs)
 
     @cached_property
     def scene(self) -> Scene | None:

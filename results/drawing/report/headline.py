@@ -48,7 +48,7 @@ def first_screen(content: Content, document: Document) -> dict[str, Any]:
 
 
 def answer(content: Content) -> list[str]:
-    """What topples the rock, and what would narrow the interval, a sentence each."""
+    """Sentences that state the headline's result, and the largest part of its interval."""
     return list(filter(None, (_what_topples(content), _what_narrows(content))))
 
 
@@ -59,7 +59,7 @@ def _what_topples(content: Content) -> str:
             f"The rock toppled in {contact.toppled} of {len(contact.known):,} shakings with an answer "
             f"({contact.words}): " + _no_curve(contact)
         )
-    return what_topples(contact.headline, contact.words, content.on_one_base)
+    return what_topples(contact.headline, contact.words, content.on_single_base)
 
 
 def _what_narrows(content: Content) -> str:
@@ -72,12 +72,12 @@ def _what_narrows(content: Content) -> str:
 
 
 def _what_would_change(content: Content) -> Iterator[str]:
-    """What narrows the interval, other frictions, jobs beyond nature or without an answer, and an audit."""
+    """Sentences on limits of the headline: interval, other frictions, unphysical shaking, unanswered jobs, audits."""
     if narrows := _what_narrows(content):
         yield narrows
     for other in content.contacts:
         if other.words != content.chief.words:
-            curve, single = other.headline, content.run.on_one_base(other.jobs)
+            curve, single = other.headline, content.run.on_single_base(other.jobs)
             yield (
                 what_topples(curve, other.words, single)
                 if curve

@@ -107,7 +107,7 @@ def methods(content: Content) -> str:
 
 
 def _quantities_drawn(content: Content, drawn: pd.DataFrame) -> list[str]:
-    """What the realisations drew of what nobody measured: base, centre of mass, friction and the campaign's own."""
+    """Unmeasured quantities that the realisations draw: base, centre of mass, friction and the campaign's own."""
     unmeasured = content.run.unmeasured()
     found = [_base_drawn(drawn, content.scene), _friction_drawn(drawn, unmeasured.get("friction"))]
     if pair := unmeasured.get("restitution"):

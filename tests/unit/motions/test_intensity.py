@@ -9,10 +9,10 @@ from reference.idealised import full_sine
 from toppling.models.motions.intensity import (
     arias_m_s,
     directionality,
-    duration_between_shares_s,
     measure,
     oscillator_response_m_s2,
     rotated_peaks,
+    significant_duration_s,
     spectral_acceleration_m_s2,
 )
 from toppling.models.motions.motion import Motion
@@ -113,4 +113,4 @@ def test_measures_agree_with_eqsig_on_noise_that_may_begin_amidst_the_shaking(st
     assert measures["cav_m_s"] == pytest.approx(eqsig.im.calc_cav(signal)[-1], rel=2e-3)
     assert measures["pgv_m_s"] == pytest.approx(np.abs(signal.velocity).max(), rel=1e-3)
     start, end = eqsig.im.calc_sig_dur_vals(acceleration, step_s, se=True)
-    assert duration_between_shares_s(acceleration**2, step_s) == pytest.approx(end - start, abs=2 * step_s)
+    assert significant_duration_s(acceleration**2, step_s) == pytest.approx(end - start, abs=2 * step_s)

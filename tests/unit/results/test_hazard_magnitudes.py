@@ -22,11 +22,11 @@ from toppling.results.hazard.gmm import MODELS, GroundMotionModel
 from toppling.results.hazard.magnitudes import (
     bins_words,
     effects,
+    event_count,
     excluded_bins,
     largest_magnitudes,
     least_distances,
     motion_grid,
-    one_event,
     recurring,
     reference_grid,
     sigma_parts,
@@ -70,7 +70,7 @@ def test_a_lognormal_motion_topples_a_lognormal_fragility_as_the_integral_does(m
 @pytest.mark.parametrize("events", [1, 5])
 def test_the_largest_magnitude_is_where_the_closed_form_says(events):
     confidence = 0.95
-    table = largest_magnitudes(GRID, ROCK, [], one_event(confidence, events))
+    table = largest_magnitudes(GRID, ROCK, [], event_count(confidence, events))
     chance = 1 - (1 - confidence) ** (1 / events)
     wanted = math.log(0.35) + norm.ppf(chance) * math.hypot(0.6, 0.3)
     magnitude = 6 + (wanted + 2.0 + 1.3 * np.log(table["distance_km"] / 10)) / 1.2
@@ -82,7 +82,7 @@ def test_the_largest_magnitude_is_where_the_closed_form_says(events):
 
 
 def test_the_least_distance_is_the_inverse_of_the_largest_magnitude():
-    occurrence = one_event(0.95)
+    occurrence = event_count(0.95)
     distances = least_distances(GRID, ROCK, [], occurrence)
     within = distances[(distances["distance_km"] > 1.0) & np.isfinite(distances["distance_km"])]
     there = motion_grid([Simple()], [1.0], within["distance_km"])
@@ -108,9 +108,9 @@ def test_earthquakes_at_one_site_topple_as_drawn_ones_that_share_its_term(events
         own = math.sqrt(0.6**2 - site_term**2) * random.standard_normal((100_000, events))
         topples = random.random(own.shape) < ROCK.probability(np.exp(mean + site + own))
         fallen.append(weight * topples.any(axis=1).mean())
-    found = toppled(grid, ROCK, one_event(0.95, events))[at]
+    found = toppled(grid, ROCK, event_count(0.95, events))[at]
     assert found == pytest.approx(sum(fallen), abs=4e-3)
-    anew = toppled(replace(grid, between_sites=0.0 * grid.sigma), ROCK, one_event(0.95, events))[at]
+    anew = toppled(replace(grid, between_sites=0.0 * grid.sigma), ROCK, event_count(0.95, events))[at]
     assert (anew > found + 0.05) == (events == 10)
     assert (anew == pytest.approx(found, abs=1e-6)) == (events == 1)
 
@@ -133,7 +133,7 @@ def test_the_effect_of_an_option_is_that_of_leaving_it_out(name, option, value):
 def test_other_records_widen_the_magnitude_to_both_sides():
     z = norm.ppf((np.arange(200) + 0.5) / 200)
     drawn = [Lognormal("pgv_m_s", median, 0.3) for median in 0.35 * np.exp(0.1 * z)]
-    table = largest_magnitudes(GRID, ROCK, drawn, one_event(0.95, 5))
+    table = largest_magnitudes(GRID, ROCK, drawn, event_count(0.95, 5))
     finite = table[np.isfinite(table["magnitude_high"]) & np.isfinite(table["magnitude_low"])]
     # Of the median's logarithm by 0.1 * 1.96, through a slope of 1.2 a magnitude.
     half = (finite["magnitude_high"] - finite["magnitude_low"]) / 2
@@ -227,7 +227,7 @@ def test_bins_of_a_deaggregation_are_excluded_where_their_earthquake_topples_the
     bins = [Bin((6.9, 7.1), near, 3.0), Bin((4.9, 5.1), near, 1.0), Bin((8.4, 8.6), near, 0.0)]
     # Medians of exp(-0.1) and exp(-2.3) at 5 km, but for 1.3 ln 2: 3.6 and 0 standard deviations above the rock's.
     rock = Lognormal("pgv_m_s", math.exp(-3.2 + 1.3 * math.log(2)), 0.1)
-    table = excluded_bins(bins, [Simple()], GRID, rock, [one_event(0.95)])
+    table = excluded_bins(bins, [Simple()], GRID, rock, [event_count(0.95)])
     assert table["share"].tolist() == [0.75, 0.25]
     assert table["topples"].tolist() == pytest.approx([norm.cdf(2.4 / math.hypot(0.6, 0.1)), 0.5])
     assert table["excluded"].tolist() == [True, False]

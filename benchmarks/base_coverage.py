@@ -145,7 +145,7 @@ def row_of(known: Known, out: Path, ensemble: Path) -> dict[str, float]:
     if not true.exists():
         truth.save(true)
     tips_m_s2 = np.array([tips for _, tips in truth.tips_m_s2(azimuths_deg)])
-    least = min(float(each["median_m_s2"]) for each in scene.report["unseen_base"]["toppling"])
+    least = min(float(entry["median_m_s2"]) for entry in scene.report["unseen_base"]["toppling"])
     levels = [round(strength * least, 2) for strength in STRENGTHS]
     found = curve_of(scanned, out / name / "run", ensemble, levels, BASES)
     right = curve_of(true, out / name / "true_run", ensemble, levels, 1)

@@ -162,7 +162,7 @@ def base_rock(seed: int) -> BaseRock:
     )
     if half_hidden:
         azimuth_deg = random.uniform(0.0, 360.0)
-        stations = [_without_half_of_the_rim(each, truth, azimuth_deg) for each in stations]
+        stations = [_without_half_of_the_rim(station, truth, azimuth_deg) for station in stations]
     return BaseRock(truth, kind, half_hidden, stations)
 
 
@@ -243,9 +243,9 @@ def _shape(
 
 def waves(places: Array, numbers: tuple[float, float], count: int, random: np.random.Generator) -> Array:
     """So many waves (n,), their numbers within a range, over places (n, 2 or 3): standard deviation 1."""
-    ways = random.normal(size=(places.shape[1], count)) * random.uniform(*numbers, count)
+    directions = random.normal(size=(places.shape[1], count)) * random.uniform(*numbers, count)
     phase = random.uniform(0.0, 2.0 * np.pi, count)
-    return np.asarray(np.cos(places @ ways + phase).sum(axis=1) / np.sqrt(0.5 * count))
+    return np.asarray(np.cos(places @ directions + phase).sum(axis=1) / np.sqrt(0.5 * count))
 
 
 def _encloses(corner: Array, point: Array) -> bool:

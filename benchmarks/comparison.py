@@ -83,7 +83,7 @@ class Setting:
 
 def settings() -> dict[str, Setting]:
     """Presets of every engine that is installed, and PyBullet alone at several steps, by their names."""
-    presets = {name: Setting(one) for name, one in PRESETS.items()}
+    presets = {name: Setting(found) for name, found in PRESETS.items()}
     presets |= {
         f"plain PyBullet 1/{steps} s": Setting(PRESETS[CONVERGED], plain_bullet=steps)
         for steps in STEPS_A_SECOND
@@ -115,11 +115,11 @@ def answers(
     *,
     processes: int = 2,
     advance: Callable[[], None] = lambda: None,
-    kept: Path | None = None,
+    folder: Path | None = None,
 ) -> pd.DataFrame:
     """Shake every job with one setting, in some processes; `advance` is called for each job.
 
-    Answers are written to the folder `kept` and taken from there when the same jobs are asked for again: a comparison
+    Answers are written to `folder` and taken from there when the same jobs are asked for again: a comparison
     may be interrupted, or grow. Another physics version, scene, ensemble or setting makes another file there.
 
     Returns pandas.DataFrame: a row a job: its fields, toppled (null without an answer), max_tilt_deg, ended_by,
@@ -128,7 +128,7 @@ def answers(
     """
     stands = settled(scene)  # here, as an error in a process that starts would not reach the user
     name = (PHYSICS_VERSION, scene.id, scene.contact, ensemble.id, setting)
-    path = kept / f"{hashlib.sha256(repr(name).encode()).hexdigest()[:16]}.parquet" if kept else None
+    path = folder / f"{hashlib.sha256(repr(name).encode()).hexdigest()[:16]}.parquet" if folder else None
     rows = _read(path) if path and path.exists() else []
     known = {Job(row["record_id"], row["pga_m_s2"], row["azimuth_deg"]): row for row in rows}
     missing = [job for job in jobs if job not in known]
@@ -166,7 +166,7 @@ def _disturbed_start(scene: Scene, toward_deg: float) -> State:
     return State(position_m=scene.rock.com_m + up, quaternion_xyzw=turn)
 
 
-def compare(said: Mapping[str, pd.DataFrame], converged: pd.DataFrame) -> pd.DataFrame:
+def compare(results: Mapping[str, pd.DataFrame], converged: pd.DataFrame) -> pd.DataFrame:
     """One row a setting, cheapest first: how far it moves what users ask for, and its cost.
 
     That is the PGA at which half topple, the share that topples and the tilt of those that stand. Single answers that
@@ -177,32 +177,32 @@ def compare(said: Mapping[str, pd.DataFrame], converged: pd.DataFrame) -> pd.Dat
     logarithm of their ratio, where both stand.
     """
     rows = []
-    shared = min(len(one) for one in said.values())
-    for name, asked in said.items():
+    shared = min(len(found) for found in results.values())
+    for name, asked in results.items():
         answered = (asked.toppled.notna() & converged.toppled.iloc[: len(asked)].notna()).to_numpy()
-        one, same = (frame.iloc[: len(asked)][answered] for frame in (asked, converged))
-        up = int((one.toppled & ~same.toppled).sum())
-        down = int((~one.toppled & same.toppled).sum())
+        found, same = (frame.iloc[: len(asked)][answered] for frame in (asked, converged))
+        up = int((found.toppled & ~same.toppled).sum())
+        down = int((~found.toppled & same.toppled).sum())
         timed = asked.iloc[:shared]
-        share = (up + down) / len(one) if len(one) else math.nan
-        stand = ~(one.toppled | same.toppled)
-        tilt, tilt_same = (part.max_tilt_deg[stand].clip(lower=LEAST_TILT_DEG) for part in (one, same))
+        share = (up + down) / len(found) if len(found) else math.nan
+        stand = ~(found.toppled | same.toppled)
+        tilt, tilt_same = (part.max_tilt_deg[stand].clip(lower=LEAST_TILT_DEG) for part in (found, same))
         log_ratio = np.log(tilt / tilt_same)
         rows.append(
             {
                 "setting": name,
-                "jobs": len(one),
+                "jobs": len(found),
                 "no_answer": int((~answered).sum()),
                 "flips_share": share,
-                "flips_share_std": math.sqrt(share * (1.0 - share) / max(len(one), 1)),
+                "flips_share_std": math.sqrt(share * (1.0 - share) / max(len(found), 1)),
                 "flips_to_toppled": up,
                 "flips_to_standing": down,
                 "sign_test_p": binomtest(up, up + down).pvalue if up + down else 1.0,
-                "share_shift": float(one.toppled.mean() - same.toppled.mean()) if len(one) else math.nan,
-                "share_shift_std": math.sqrt(max(up + down - (up - down) ** 2 / max(len(one), 1), 0.0))
-                / max(len(one), 1),
-                "median_shift": _median(one) / _median(same) - 1.0,
-                "median_shift_std": _median_shift_std(one, same),
+                "share_shift": float(found.toppled.mean() - same.toppled.mean()) if len(found) else math.nan,
+                "share_shift_std": math.sqrt(max(up + down - (up - down) ** 2 / max(len(found), 1), 0.0))
+                / max(len(found), 1),
+                "median_shift": _median(found) / _median(same) - 1.0,
+                "median_shift_std": _median_shift_std(found, same),
                 "tilt_log_ratio": log_ratio.mean(),
                 "tilt_log_ratio_std": log_ratio.sem(),
                 "processor_s_per_simulated_s": timed.processor_s.sum() / timed.simulated_s.sum(),
@@ -213,19 +213,19 @@ def compare(said: Mapping[str, pd.DataFrame], converged: pd.DataFrame) -> pd.Dat
     return pd.DataFrame(rows).sort_values("processor_s_per_job", ignore_index=True)
 
 
-def _median(said: pd.DataFrame) -> float:
+def _median(results: pd.DataFrame) -> float:
     """PGA at which one in two topples; NaN where the answers allow no fit."""
-    fragility = fit(said, ["pga_m_s2"]).lognormal
+    fragility = fit(results, ["pga_m_s2"]).lognormal
     return fragility.median if fragility else float("nan")
 
 
-def _median_shift_std(said: pd.DataFrame, converged: pd.DataFrame) -> float:
+def _median_shift_std(results: pd.DataFrame, converged: pd.DataFrame) -> float:
     """Standard deviation of the shift, by leaving out every n-th job in turn (a jackknife); NaN as the shift."""
-    groups = min(_GROUPS, len(said))
+    groups = min(_GROUPS, len(results))
     if groups < 2:
         return math.nan
-    group = np.arange(len(said)) % groups
-    shifts = [_median(said[group != left]) / _median(converged[group != left]) for left in range(groups)]
+    group = np.arange(len(results)) % groups
+    shifts = [_median(results[group != left]) / _median(converged[group != left]) for left in range(groups)]
     return math.sqrt(groups - 1) * float(np.std(shifts))
 
 

@@ -23,9 +23,9 @@ SAMPLES = 40
 JOB = ["record_id", "azimuth_deg", "level_pga_m_s2", "friction_static", "realisation"]
 
 
-def answers(one: pd.DataFrame, other: pd.DataFrame) -> dict[str, float]:
+def answers(value: pd.DataFrame, other: pd.DataFrame) -> dict[str, float]:
     """Jobs that both answered: shares toppled, single answers that differ, tilts where both stand."""
-    both = one.merge(other, on=JOB, suffixes=("", "_other")).dropna(subset=["toppled", "toppled_other"])
+    both = value.merge(other, on=JOB, suffixes=("", "_other")).dropna(subset=["toppled", "toppled_other"])
     fell, fell_other = (both[name].astype(bool) for name in ("toppled", "toppled_other"))
     stands = ~fell & ~fell_other & (both["max_tilt_deg"] > LEAST_TILT_DEG)
     ratio = np.log(both["max_tilt_deg_other"] / both["max_tilt_deg"])[stands]
@@ -61,12 +61,12 @@ def record_errors(frame: pd.DataFrame, name: str) -> pd.Series:
     return pd.concat(samples, axis=1).std(axis=1)
 
 
-def differences(one: pd.DataFrame, other: pd.DataFrame, plane: str) -> dict[str, float]:
+def differences(value: pd.DataFrame, other: pd.DataFrame, plane: str) -> dict[str, float]:
     """Differences of a map's cells of ten records or more, and the standard deviations that records leave them."""
-    table, known = probabilities(one, plane), probabilities(other, plane)
+    table, known = probabilities(value, plane), probabilities(other, plane)
     thick = table.index[~table["thin"]].intersection(known.index)
     off = known["probability"].loc[thick] - table["probability"].loc[thick]
-    std = record_errors(one, plane).loc[thick]
+    std = record_errors(value, plane).loc[thick]
     return {
         "cells": len(thick),
         "root mean square": float((off**2).mean() ** 0.5),
@@ -78,9 +78,9 @@ def differences(one: pd.DataFrame, other: pd.DataFrame, plane: str) -> dict[str,
 
 
 def main() -> None:
-    one, other = (open_run(Path(path)).frame() for path in sys.argv[1:3])
-    print(pd.Series(answers(one, other)).to_string(float_format=lambda value: f"{value:.4f}"))
-    print(pd.DataFrame({name: differences(one, other, name) for name in PLANES}).round(4).to_string())
+    first, other = (open_run(Path(path)).frame() for path in sys.argv[1:3])
+    print(pd.Series(answers(first, other)).to_string(float_format=lambda value: f"{value:.4f}"))
+    print(pd.DataFrame({name: differences(first, other, name) for name in PLANES}).round(4).to_string())
 
 
 if __name__ == "__main__":

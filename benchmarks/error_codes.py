@@ -23,15 +23,15 @@ def main() -> None:
 
 def table() -> str:
     """Rows of code, what is said with it, and the remedy where that is the same whatever was given."""
-    said: dict[str, tuple[list[str], list[str]]] = {}
+    text: dict[str, tuple[list[str], list[str]]] = {}
     for _, code, what, remedy in raised():
-        for kept, words in zip(said.setdefault(code, ([], [])), (what, remedy), strict=True):
-            if words not in kept:
-                kept.append(words)
+        for remaining, words in zip(text.setdefault(code, ([], [])), (what, remedy), strict=True):
+            if words not in remaining:
+                remaining.append(words)
     lines = ["| code | what is wrong | what to do |", "|---|---|---|"]
-    for code, (whats, remedies) in sorted(said.items()):
-        told = [what for what in whats if re.search("[a-z]{2}", what)]
-        what = "; or: ".join(told) or code.partition(".")[2].replace("_", " ")
+    for code, (whats, remedies) in sorted(text.items()):
+        result = [what for what in whats if re.search("[a-z]{2}", what)]
+        what = "; or: ".join(result) or code.partition(".")[2].replace("_", " ")
         lines.append(f"| `{code}` | {_cell(what)} | {_cell(remedies[0]) if len(remedies) == 1 else ''} |")
     return "\n".join(lines)
 
@@ -51,10 +51,10 @@ def _raised() -> Iterator[tuple[str, str, str, str]]:
     makers = {name for tree in trees.values() for name in _makers(tree)} - {"__init__", "_Reader"}
     for path, tree in trees.items():
         remedies = _of_factories(tree)
-        for scope in [tree, *(each for each in ast.walk(tree) if isinstance(each, ast.FunctionDef))]:
+        for scope in [tree, *(node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef))]:
             for call in _calls(scope, makers):
                 texts = [*_texts(call, scope), "", "", ""]
-                named = {each.arg: _words(each.value, scope, call.lineno) for each in call.keywords}
+                named = {keyword.arg: _words(keyword.value, scope, call.lineno) for keyword in call.keywords}
                 remedy = named.get("remedy") or remedies.get(ast.unparse(call.func), texts[2])
                 for code in _codes(call.args[0]):
                     yield (
@@ -68,7 +68,7 @@ def _raised() -> Iterator[tuple[str, str, str, str]]:
 def _makers(tree: ast.Module) -> Iterator[str]:
     """Names of what makes an error of a code and what is said with it."""
     for node in ast.walk(tree):
-        if isinstance(node, ast.FunctionDef) and "code" in [each.arg for each in node.args.args[:2]]:
+        if isinstance(node, ast.FunctionDef) and "code" in [arg.arg for arg in node.args.args[:2]]:
             yield node.name
         if isinstance(node, ast.ClassDef) and any("Error" in ast.unparse(base) for base in node.bases):
             yield node.name
@@ -97,7 +97,7 @@ def _codes(node: ast.AST) -> list[str]:
 
 def _texts(call: ast.Call, scope: ast.AST) -> list[str]:
     """Texts among the arguments behind the code, from what is wrong on; where it was found may stand before."""
-    texts = [_words(each, scope, call.lineno) for each in call.args[1:]]
+    texts = [_words(arg, scope, call.lineno) for arg in call.args[1:]]
     return [text for text in texts if text and not text.startswith("--")]
 
 
@@ -108,7 +108,7 @@ def _words(node: ast.AST, scope: ast.AST, line: int) -> str:
     if isinstance(node, ast.JoinedStr):
         return "".join(part.value if isinstance(part, ast.Constant) else "…" for part in node.values)  # type: ignore[misc]
     if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
-        return "".join(_words(each, scope, line) or "…" for each in (node.left, node.right))
+        return "".join(_words(entry, scope, line) or "…" for entry in (node.left, node.right))
     if isinstance(node, ast.IfExp):
         return _words(node.body, scope, line)
     if isinstance(node, ast.Name):
@@ -125,8 +125,8 @@ def _set(scope: ast.AST) -> Iterator[tuple[str, ast.AST, int]]:
             continue
         target, value = node.targets[0], node.value
         several = isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple)
-        for name, each in zip(target.elts, value.elts, strict=True) if several else [(target, value)]:  # type: ignore[attr-defined]
-            yield ast.unparse(name), each, node.lineno
+        for name, entry in zip(target.elts, value.elts, strict=True) if several else [(target, value)]:  # type: ignore[attr-defined]
+            yield ast.unparse(name), entry, node.lineno
 
 
 def _of_factories(tree: ast.Module) -> dict[str, str]:
@@ -134,7 +134,9 @@ def _of_factories(tree: ast.Module) -> dict[str, str]:
     made = {}
     for name, value, at in _set(tree):
         if isinstance(value, ast.Call) and ast.unparse(value.func) == "refusals":
-            made[name] = next(_words(each.value, tree, at) for each in value.keywords if each.arg == "remedy")
+            made[name] = next(
+                _words(keyword.value, tree, at) for keyword in value.keywords if keyword.arg == "remedy"
+            )
     return made
 
 

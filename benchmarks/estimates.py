@@ -35,11 +35,11 @@ def main() -> None:
     rows = []
     rock, motions = Scene.load(scene), Ensemble.load(ensemble)
     for name, axes in CAMPAIGNS.items():
-        told = {key: value for key, value in axes.items() if key != "every"}
+        result = {key: value for key, value in axes.items() if key != "every"}
         records = motions.record_ids[:: int(str(axes["every"]))]
         inputs = {"scene": str(scene), "ensemble": str(ensemble), "friction": [1.0], "records": records,
             "audit": 0}  # fmt: skip
-        planned = plan(Campaign.of(inputs | told, Path()), rock, motions)
+        planned = plan(Campaign.of(inputs | result, Path()), rock, motions)
         expected = estimate(planned)
         with tempfile.TemporaryDirectory() as folder:
             progress = run(planned, Path(folder) / "run", local(workers), lambda _: None)

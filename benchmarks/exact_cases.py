@@ -61,9 +61,9 @@ def drops(preset: Any) -> list[Any]:
     options = {"trajectory": True, "shortcuts": False}
     for drop in (0.1, 0.2, 0.35):
         start = {"position_m": (0.0, 0.0, 0.5 + drop)}
-        way = case.shake(scene, case.STILL, preset, initial=start, **options).trajectory
-        exact = np.maximum(drop - 0.5 * case.G * way.time_s**2, 0.0)
-        found.append(np.abs(way.position_m[:, 2] - 0.5 - exact).max() / drop)
+        path = case.shake(scene, case.STILL, preset, initial=start, **options).trajectory
+        exact = np.maximum(drop - 0.5 * case.G * path.time_s**2, 0.0)
+        found.append(np.abs(path.position_m[:, 2] - 0.5 - exact).max() / drop)
     return found
 
 

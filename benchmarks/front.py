@@ -102,14 +102,18 @@ def compared(
     """Settings against one of them, over the same jobs."""
     names = asked.keys() | {by}
     every = settings()
-    said = {
+    answered = {
         name: answers(scene, ensemble, jobs, asked.get(name, every[name]))
         for name in track(sorted(names), f"{len(jobs)} jobs")
     }
-    table = compare(said, said[by])
-    covered = {name: one.simulated_s.sum() / every[name].time_step_s(scene) for name, one in said.items()}
-    table["us_per_step"] = [1e6 * said[name].processor_s.sum() / covered[name] for name in table["setting"]]
-    table["toppled"] = [float(said[name].toppled.mean()) for name in table["setting"]]
+    table = compare(answered, answered[by])
+    covered = {
+        name: entry.simulated_s.sum() / every[name].time_step_s(scene) for name, entry in answered.items()
+    }
+    table["us_per_step"] = [
+        1e6 * answered[name].processor_s.sum() / covered[name] for name in table["setting"]
+    ]
+    table["toppled"] = [float(answered[name].toppled.mean()) for name in table["setting"]]
     return table
 
 

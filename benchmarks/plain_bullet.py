@@ -65,12 +65,12 @@ def _world(scene: Scene, client: int, steps_a_second: int) -> int:
     pybullet.changeDynamics(
         body, -1, localInertiaDiagonal=moments, linearDamping=0.0, angularDamping=0.0, physicsClientId=client
     )
-    for each, friction in (
+    for entry, friction in (
         (ground, 1.0),
         (body, scene.contact.friction_static),
     ):  # the engine multiplies them
         pybullet.changeDynamics(
-            each, -1, lateralFriction=friction, restitution=scene.contact.restitution, physicsClientId=client
+            entry, -1, lateralFriction=friction, restitution=scene.contact.restitution, physicsClientId=client
         )
     return body
 
@@ -94,11 +94,11 @@ def _shaken(
             break
         if k * step_s > motion.duration_s:
             speeds = pybullet.getBaseVelocity(rock, physicsClientId=client)
-            if max(map(abs, (*speeds[0], *(size * each for each in speeds[1])))) < at_rest:
+            if max(map(abs, (*speeds[0], *(size * speed for speed in speeds[1])))) < at_rest:
                 break
         if k % 16 == 0:
             touching = pybullet.getContactPoints(bodyA=rock, physicsClientId=client)
-            deepest = max([deepest, *(-each[8] for each in touching)])
+            deepest = max([deepest, *(-entry[8] for entry in touching)])
     return tilt > TOPPLED_TILT_DEG, largest, (k + 1) * step_s, deepest
 
 

@@ -97,19 +97,19 @@ def curve_of(answers: Answers) -> Curve:
 
 def line(plays: list[Rounds], median: float, beta: float) -> dict[str, float]:
     """What some plays say beside the truth."""
-    told = [one.verdict for one in plays]
-    estimates = [one.estimate for one in told if one is not None and one.estimate is not None]
-    curves = [one.curve for one in told if one is not None and one.curve is not None]
-    off = np.log([one.value / median for one in estimates])
-    jobs = [len(one.chosen) for one in plays]
+    result = [entry.verdict for entry in plays]
+    estimates = [entry.estimate for entry in result if entry is not None and entry.estimate is not None]
+    curves = [entry.curve for entry in result if entry is not None and entry.curve is not None]
+    off = np.log([estimate.value / median for estimate in estimates])
+    jobs = [len(entry.chosen) for entry in plays]
     return {
-        "held": float(np.mean([one.low <= median <= one.high for one in estimates])),
+        "held": float(np.mean([estimate.low <= median <= estimate.high for estimate in estimates])),
         "rms off": float(np.sqrt((off**2).mean())), "lean": float(off.mean()),
-        "stated": float(np.mean([one.precision for one in estimates])),
+        "stated": float(np.mean([estimate.precision for estimate in estimates])),
         "jobs": float(np.median(jobs)), "jobs of 9 in 10": float(np.quantile(jobs, 0.9)),
-        "rounds": float(np.mean([len(one.sizes) for one in plays])),
-        "beta over true": float(np.median([one.beta for one in curves]) / beta),
-        "cannot": float(np.mean([bool(one.reason) for one in told if one is not None])),
+        "rounds": float(np.mean([len(entry.sizes) for entry in plays])),
+        "beta over true": float(np.median([curve.beta for curve in curves]) / beta),
+        "cannot": float(np.mean([bool(entry.reason) for entry in result if entry is not None])),
     }  # fmt: skip
 
 
@@ -136,10 +136,10 @@ def main() -> None:
         grid = ask(pool.rows.ravel())
         for precision in (0.1, 0.06):
             plays = [play(pool, ask, Target(), precision, seed) for seed in range(PLAYS)]
-            for measure in sorted({told_measure(one) for one in plays}):
+            for measure in sorted({told_measure(value) for value in plays}):
                 curve = curve_of(grid[measure])
                 own = math.sqrt(sum(curve.variances(Target().score))) * curve.student()
-                some = [one for one in plays if told_measure(one) == measure]
+                some = [value for value in plays if told_measure(value) == measure]
                 name = f"{path.name} +-{100 * precision:g} %, {measure}, {len(some)} plays"
                 lines[name] = line(some, curve.median, curve.beta) | {"grid's own": own}
     print(pd.DataFrame(lines).T.round(3).to_string())

@@ -98,9 +98,9 @@ def _survey(truth: virtual.Truth, random: np.random.Generator) -> list[virtual.S
     noise_m = rock.height_m * random.uniform(3e-4, 1.2e-3)
     found = []
     for number in range(count):
-        way = horizontal_unit_vector(360.0 * (number + 0.5 * random.random()) / count)
+        direction = horizontal_unit_vector(360.0 * (number + 0.5 * random.random()) / count)
         up = max(1.6, 0.35 * rock.height_m) - target[2] + rock.vertices_m[:, 2].min()
-        position = target + random.uniform(2.2, 3.4) * size * way + [0.0, 0.0, up]
+        position = target + random.uniform(2.2, 3.4) * size * direction + [0.0, 0.0, up]
         step = np.rad2deg(
             random.uniform(0.007, 0.01) * rock.height_m / float(np.linalg.norm(target - position))
         )
@@ -183,10 +183,12 @@ def _egg(random: np.random.Generator) -> virtual.Mesh:
 def _dents(random: np.random.Generator) -> virtual.Mesh:
     points, faces = _ball()
     for _ in range(int(random.integers(12, 25))):
-        way = random.normal(size=3)
-        way /= np.linalg.norm(way)
+        direction = random.normal(size=3)
+        direction /= np.linalg.norm(direction)
         level = random.uniform(0.75, 0.95)
-        points = points - np.maximum(points @ way - level, 0.0)[:, None] * way * random.uniform(0.8, 1.3)
+        points = points - np.maximum(points @ direction - level, 0.0)[:, None] * direction * random.uniform(
+            0.8, 1.3
+        )
     return 0.55 * points * [random.uniform(0.6, 1.0), random.uniform(0.6, 0.9), 1.0], faces
 
 

@@ -119,7 +119,7 @@ def million() -> dict[str, float]:
     with tempfile.TemporaryDirectory() as name:
         folder, began = Path(name), time.perf_counter()
         planned = planned_in(folder, RECORDS, 376)
-        told = {"jobs": len(planned), "plan_s": time.perf_counter() - began, "plan_mb": peak_mb()}
+        result = {"jobs": len(planned), "plan_s": time.perf_counter() - began, "plan_mb": peak_mb()}
         run = folder / "run"
         prepare(run, planned, {})
         pending = planned.pending(set())
@@ -135,13 +135,13 @@ def million() -> dict[str, float]:
                 write_part(run, pa.concat_tables(unstored))
                 unstored, count = [], 0
         write_part(run, pa.concat_tables(unstored))
-        told |= {"jobs_a_second": len(planned) / (time.perf_counter() - began), "track_mb": peak_mb()}
+        result |= {"jobs_a_second": len(planned) / (time.perf_counter() - began), "track_mb": peak_mb()}
         began = time.perf_counter()
         finished_ids(run, planned.ids)
-        told |= {"resume_s": time.perf_counter() - began, "resume_mb": peak_mb()}
+        result |= {"resume_s": time.perf_counter() - began, "resume_mb": peak_mb()}
         began = time.perf_counter()
         compact(run)
-        return told | {"compact_s": time.perf_counter() - began, "compact_mb": peak_mb()}
+        return result | {"compact_s": time.perf_counter() - began, "compact_mb": peak_mb()}
 
 
 def peak_mb() -> float:
@@ -213,12 +213,12 @@ def answers_in(path: Path) -> tuple[pa.Table, dict[str, int]]:
     return answers, {job: place for place, job in enumerate(answers["job_id"].to_pylist())}
 
 
-def be_scheduler(told: Connection) -> None:
+def be_scheduler(expected: Connection) -> None:
     """Be a scheduler with the project's settings, and tell its address."""
 
     async def serve() -> None:
         async with Scheduler(host="127.0.0.1", port=0, dashboard=False) as scheduler:
-            told.send(scheduler.address)
+            expected.send(scheduler.address)
             await scheduler.finished()
 
     load_defaults()
@@ -293,11 +293,11 @@ def pretended_run(workers: int, seconds_per_job: float, seconds: float) -> dict[
         took = time.perf_counter() - began
         used = {f"{who}_cores": (cpu_s(theirs) - before[who]) / took for who, theirs in processes.items()}
     rate = rate_amidst(seen)
-    told = {"workers": workers, "s_a_job": seconds_per_job, "jobs": len(planned), "took_s": took}
-    told |= {"jobs_a_second": rate, "tasks_a_second": execution.tasks / took}
+    result = {"workers": workers, "s_a_job": seconds_per_job, "jobs": len(planned), "took_s": took}
+    result |= {"jobs_a_second": rate, "tasks_a_second": execution.tasks / took}
     if seconds_per_job:
-        told["share_of_ideal"] = rate * seconds_per_job / workers
-    return told | used
+        result["share_of_ideal"] = rate * seconds_per_job / workers
+    return result | used
 
 
 def rate_amidst(seen: Sequence[tuple[float, int]]) -> float:
@@ -412,8 +412,8 @@ def tell_atlas(seconds_per_job: float, client_us: float | None) -> None:
         say(played(cost, workers, cost, rock, per_job_s))
 
 
-def say(told: dict[str, float]) -> None:
-    print("  " + "  ".join(f"{name} {value:,.3g}" for name, value in told.items()), flush=True)
+def say(expected: dict[str, float]) -> None:
+    print("  " + "  ".join(f"{name} {value:,.3g}" for name, value in expected.items()), flush=True)
 
 
 def main() -> None:

@@ -183,12 +183,13 @@ def base_coverage(found: Scene, true: Scene) -> dict[str, float]:
     `smooth closing` is the toppling acceleration of the rock closed without regard to its standing, as before there
     were draws.
     """
-    said = found.report["unseen_base"]
-    if "toppling" not in said:
+    stated = found.report["unseen_base"]
+    if "toppling" not in stated:
         return {"contradicted": 1.0}
-    azimuths = np.array([each["azimuth_deg"] for each in said["toppling"]])
+    azimuths = np.array([entry["azimuth_deg"] for entry in stated["toppling"]])
     low, median, high = (
-        np.array([each[key] for each in said["toppling"]]) for key in ("low_m_s2", "median_m_s2", "high_m_s2")
+        np.array([entry[key] for entry in stated["toppling"]])
+        for key in ("low_m_s2", "median_m_s2", "high_m_s2")
     )
     right = _toppling(true, azimuths)
     nominal = _toppling(found, azimuths)
@@ -207,13 +208,13 @@ def base_fragility(found: Scene, true: Scene, ensemble: Ensemble, count: int) ->
         return {}
     jobs, _ = jobs_that_half_topple(true, ensemble, count)
     right = float(answers(true, ensemble, jobs, DRAFT).toppled.mean())
-    shares = [
+    fractions = [
         float(answers(found.on_base(number), ensemble, jobs, DRAFT).toppled.mean())
         for number in range(0, len(found.unseen), max(1, len(found.unseen) // BASES_SHAKEN))
     ]
     # Quantiles of so few hold less of the next one than they say: the interval in which it lies if they are normal.
-    spread = np.std(shares, ddof=1) * np.sqrt(1.0 + 1.0 / len(shares))
-    low, high = np.mean(shares) + spread * student_t(len(shares) - 1).ppf([0.05, 0.95])
+    spread = np.std(fractions, ddof=1) * np.sqrt(1.0 + 1.0 / len(fractions))
+    low, high = np.mean(fractions) + spread * student_t(len(fractions) - 1).ppf([0.05, 0.95])
     return {
         "true share toppled, %": 100 * right,
         "predicted low, %": 100 * float(low),
@@ -239,9 +240,9 @@ def all_known(names: list[str], folder: Path | None) -> Iterator[tuple[str, Know
     """The named shapes, then the scans in the folder."""
     for name in names:
         yield name, own(name)
-    for told in sorted(folder.glob("*.truth.json")) if folder else ():
-        name = told.name.removesuffix(".truth.json")
-        yield name, from_elsewhere(told.parent, name)
+    for truth_file in sorted(folder.glob("*.truth.json")) if folder else ():
+        name = truth_file.name.removesuffix(".truth.json")
+        yield name, from_elsewhere(truth_file.parent, name)
 
 
 def family_row(seed: int) -> tuple[str, dict[str, float]]:
@@ -255,15 +256,15 @@ def family_row(seed: int) -> tuple[str, dict[str, float]]:
     except InputError as error:
         print(name, error, flush=True)
         return name, {"found": 0.0}
-    beside = beside_the_contact(drawn, cloud.points_m, label)
+    adjacent = beside_the_contact(drawn, cloud.points_m, label)
     right = found.label == label
     rock, known = found.scene.rock, drawn.truth.rock
     moved = rock.com_m + found.scene.origin_m - known.com_m - virtual.DEMO_ORIGIN_M
     return name, {
         "found": 1.0,
-        "beside the contact right %": 100 * float(right[beside].mean()),
-        "rock's %": 100 * float(right[beside & (label == 0)].mean()),
-        "pedestal's %": 100 * float(right[beside & (label == 1)].mean()),
+        "beside the contact right %": 100 * float(right[adjacent].mean()),
+        "rock's %": 100 * float(right[adjacent & (label == 0)].mean()),
+        "pedestal's %": 100 * float(right[adjacent & (label == 1)].mean()),
         "volume %": 100 * (rock.volume_m3 / known.volume_m3 - 1),
         "centre of mass, % of height": 100 * float(np.linalg.norm(moved)) / known.height_m,
         "slope °": found.scene.pedestal.slope_deg - drawn.truth.pedestal.slope_deg,
@@ -304,15 +305,17 @@ def agreement(name: str, known: Known, ensemble: Ensemble, count: int) -> dict[s
     true = known.true
     found = survey(known.cloud, near_m=known.near_m).scene
     jobs, top = jobs_that_half_topple(true, ensemble, count)
-    said = answers(true, ensemble, jobs, FAST).toppled
+    true_toppled = answers(true, ensemble, jobs, FAST).toppled
     compared = {"scan": found, "true rock, bare plane": on_plane(true)}
     if name in CAUSES_OF:
         compared |= parts_of_the_error(found, true)
-    row = {"levels up to, m/s²": top, "topple %": 100 * float(said.mean())}
+    row = {"levels up to, m/s²": top, "topple %": 100 * float(true_toppled.mean())}
     disturbed = answers(true, ensemble, jobs, replace(FAST, disturbed_toward_deg=0.0)).toppled
-    row["chaos, % equal"] = 100 * float((disturbed == said).mean())
+    row["chaos, % equal"] = 100 * float((disturbed == true_toppled).mean())
     for what, scene in compared.items():
-        row[f"{what}, % equal"] = 100 * float((answers(scene, ensemble, jobs, FAST).toppled == said).mean())
+        row[f"{what}, % equal"] = 100 * float(
+            (answers(scene, ensemble, jobs, FAST).toppled == true_toppled).mean()
+        )
     return row
 
 
@@ -348,7 +351,9 @@ def write_cloud(path: Path, million: float) -> int:
     """Scan the rock like Echo Cliffs as finely as gives so many points, into a LAZ file; how many they are."""
     truth = virtual.echo_cliffs_like(0)
     coarse = 0.006
-    few = sum(len(each.points_m) for each in virtual.scan_around(truth, seed=1, resolution_per_height=coarse))
+    few = sum(
+        len(entry.points_m) for entry in virtual.scan_around(truth, seed=1, resolution_per_height=coarse)
+    )
     stations = virtual.scan_around(
         truth, seed=1, resolution_per_height=coarse * float(np.sqrt(few / (1e6 * million)))
     )
@@ -360,7 +365,7 @@ def write_cloud(path: Path, million: float) -> int:
             record.x, record.y, record.z = (station.points_m + virtual.DEMO_ORIGIN_M).T
             record.point_source_id[:] = number
             file.write_points(record)
-    return sum(len(each.points_m) for each in stations)
+    return sum(len(entry.points_m) for entry in stations)
 
 
 def cost(million: float) -> dict[str, float]:
@@ -435,9 +440,12 @@ def with_hints(result: Survey, true: Scene) -> dict[str, dict[str, float]]:
 def mean_of(rows: list[dict[str, float]]) -> dict[str, float]:
     """Number of rows and mean of each column over those that have it; of widths the median."""
     columns = list(dict.fromkeys(column for row in rows for column in row))
-    said = {column: [row[column] for row in rows if column in row] for column in columns}
+    by_column = {column: [row[column] for row in rows if column in row] for column in columns}
     middle = {column: np.median if column.startswith("width") else np.mean for column in columns}
-    return {"rocks": float(len(rows)), **{each: float(middle[each](said[each])) for each in columns}}
+    return {
+        "rocks": float(len(rows)),
+        **{column: float(middle[column](by_column[column])) for column in columns},
+    }
 
 
 def costs(millions: list[float]) -> Iterator[tuple[str, dict[str, float]]]:

@@ -42,17 +42,19 @@ def row_of(family: str, seed: int) -> dict[str, float]:
             print(known.name, f"[{error.code}]", error.what[:150], flush=True)
             hints = {"near_m": (float(top[0]), float(top[1]))}
             if offered := re.findall(r"--point (\S+?),(\S+?),([-+.\d]+)", error.what):
-                ways = np.array(offered, float).reshape(-1, 3, 3)
-                hints = {"hint": hint_of(points=ways[ways[:, :, 2].mean(axis=1).argmin()].tolist())}
+                directions = np.array(offered, float).reshape(-1, 3, 3)
+                hints = {
+                    "hint": hint_of(points=directions[directions[:, :, 2].mean(axis=1).argmin()].tolist())
+                }
     if found is None:
         return {"rocks": 1.0, "accepted": 0.0}
     scene, true = found.scene, known.truth.rock
     table = scene.report["unseen_base"]["toppling"]
     low, median, high = (
-        np.array([each[key] for each in table]) for key in ("low_m_s2", "median_m_s2", "high_m_s2")
+        np.array([entry[key] for entry in table]) for key in ("low_m_s2", "median_m_s2", "high_m_s2")
     )
     right = np.interp(
-        [each["azimuth_deg"] for each in table], AZIMUTHS_DEG, known.toppling_m_s2, period=360.0
+        [entry["azimuth_deg"] for entry in table], AZIMUTHS_DEG, known.toppling_m_s2, period=360.0
     )
     least = int(right.argmin())
     moved = scene.rock.com_m + scene.origin_m - true.com_m - virtual.DEMO_ORIGIN_M

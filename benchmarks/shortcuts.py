@@ -67,9 +67,9 @@ def faceted() -> Scene:
     return Scene.from_mesh((hull.vertices, hull.faces))
 
 
-def fates(said: pd.DataFrame) -> pd.Series:
+def fates(stated: pd.DataFrame) -> pd.Series:
     """1 where the rock toppled, 0 where it stands, -1 without an answer."""
-    return said.toppled.astype("Int8").fillna(-1).astype(int)
+    return stated.toppled.astype("Int8").fillna(-1).astype(int)
 
 
 def compare(shaken: Callable[[list[Job], Setting], pd.DataFrame], jobs: list[Job]) -> pd.DataFrame:
@@ -80,7 +80,7 @@ def compare(shaken: Callable[[list[Job], Setting], pd.DataFrame], jobs: list[Job
     suspects = [job for job, is_changed in zip(jobs, changed, strict=True) if is_changed]
     shaky = [fates(shaken(suspects, setting)) for setting in DISTURBED] if suspects else []
     away = np.zeros(len(jobs), bool)
-    away[changed] = [len(set(said)) == 1 for said in np.transpose([was[changed], *shaky])]
+    away[changed] = [len(set(value)) == 1 for value in np.transpose([was[changed], *shaky])]
     return pd.DataFrame(
         {
             "ended_by": short.ended_by,
@@ -96,20 +96,20 @@ def compare(shaken: Callable[[list[Job], Setting], pd.DataFrame], jobs: list[Job
 
 
 def main() -> None:
-    each = int(sys.argv[1]) if len(sys.argv) > 1 else 400
+    entry = int(sys.argv[1]) if len(sys.argv) > 1 else 400
     ensemble = Ensemble.load(ENSEMBLE)
-    scenes = [*(block(*one) for one in BLOCKS), Scene.load(SCANNED), faceted()]
+    scenes = [*(block(*entry) for entry in BLOCKS), Scene.load(SCANNED), faceted()]
     first = len(scenes) - 1
-    jobs = draw_jobs(ensemble, each * len(scenes), PGA_M_S2, seed=11)
-    shares = [*(jobs[number : first * each : first] for number in range(first)), jobs[first * each :]]
+    jobs = draw_jobs(ensemble, entry * len(scenes), PGA_M_S2, seed=11)
+    fractions = [*(jobs[number : first * entry : first] for number in range(first)), jobs[first * entry :]]
     with Progress() as progress:
         task = progress.add_task("shaking", total=(2 + 1 / FLOOR_OF) * len(jobs))
         rows = pd.concat(
             compare(
-                partial(answers, scene, ensemble, kept=KEPT, advance=partial(progress.advance, task)),
+                partial(answers, scene, ensemble, folder=KEPT, advance=partial(progress.advance, task)),
                 share,
             )
-            for scene, share in zip(scenes, shares, strict=True)
+            for scene, share in zip(scenes, fractions, strict=True)
         )
     PAGE.write_text(page(rows))
     print(page(rows))

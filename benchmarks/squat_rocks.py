@@ -94,7 +94,7 @@ def member(seed: int, resolution_per_height: float | None = None) -> Member:
     )
     bushes = [_bush(random, truth, height, widest) for _ in range(int(random.integers(1, 4)))]
     return Member(
-        truth, [_with(bushes, each, random) for each in stations], kind, slenderness, crevice, buried
+        truth, [_with(bushes, station, random) for station in stations], kind, slenderness, crevice, buried
     )
 
 

@@ -65,19 +65,19 @@ def pulse(number: int) -> Motion:
 def make_inputs(folder: Path) -> None:
     """A block, records, the same as files of others, and a campaign of 288 jobs."""
     Scene.block(0.15, 0.2, 0.6).save(folder / "scene")
-    records = [Record.of(f"P{one}", pulse(one), event=f"event {one}") for one in range(RECORDS)]
+    records = [Record.of(f"P{entry}", pulse(entry), event=f"event {entry}") for entry in range(RECORDS)]
     Ensemble.write(folder / "ensemble", records)
     (folder / "campaign.toml").write_text(CAMPAIGN)
     (folder / "files").mkdir()
-    for one in range(FILES):
-        values = pulse(one % 40).acceleration_m_s2[:, 0] / 9.80665
+    for single in range(FILES):
+        values = pulse(single % 40).acceleration_m_s2[:, 0] / 9.80665
         lines = "\n".join(
             "".join(f"{value:15.7E}" for value in values[at : at + 5]) for at in range(0, len(values), 5)
         )
-        station, way = divmod(one, 3)
-        head = f"PEER NGA STRONG MOTION DATABASE RECORD\nEvent {station}, station {station}, {(0, 90, 'UP')[way]}\n"
+        station, axis = divmod(single, 3)
+        head = f"PEER NGA STRONG MOTION DATABASE RECORD\nEvent {station}, station {station}, {(0, 90, 'UP')[axis]}\n"
         head += f"ACCELERATION TIME SERIES IN UNITS OF G\nNPTS=  {len(values)}, DT=   .0100 SEC\n"
-        name = f"RSN{station}_EVENT_STATION{('000', '090', '-UP')[way]}.AT2"
+        name = f"RSN{station}_EVENT_STATION{('000', '090', '-UP')[axis]}.AT2"
         (folder / "files" / name).write_text(head + lines + "\n")
 
 
@@ -102,7 +102,7 @@ def first_row(folder: Path) -> tuple[float, float]:
         while not any((folder / "run" / "parts").glob("*.parquet")) and process.poll() is None:
             time.sleep(0.02)
         wall, parent = time.perf_counter() - began, psutil.Process(process.pid)
-        spent = sum(sum(one.cpu_times()[:2]) for one in [parent, *parent.children(recursive=True)])
+        spent = sum(sum(entry.cpu_times()[:2]) for entry in [parent, *parent.children(recursive=True)])
     return spent, wall
 
 
@@ -140,7 +140,7 @@ def main(asked: list[str]) -> None:
         folder = Path(place)
         make_inputs(folder)
         bare = [timed([sys.executable, "-c", BARE], folder) for _ in range(5)]
-        cpu, wall = (float(np.median(one)) for one in zip(*bare, strict=True))
+        cpu, wall = (float(np.median(value)) for value in zip(*bare, strict=True))
         print(f"bare script: {cpu:.2f} s of processor, {wall:.2f} s\n")
         print(f"{'':10}  processor  (ratio)    wall  (ratio)    aim")
         script = [sys.executable, "-P", "-c", COMPILE]

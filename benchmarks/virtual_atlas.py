@@ -92,12 +92,12 @@ def main() -> None:
     done = called("run", out / "campaign.toml", *words)
     if done.returncode not in (0, 3):
         raise SystemExit(done.stderr)
-    told = json.loads(done.stdout.strip().splitlines()[-1])
-    lap(f"run, {told['jobs']} jobs on {given.workers} workers")
-    shaking = told["work_s"] / given.workers
+    document = json.loads(done.stdout.strip().splitlines()[-1])
+    lap(f"run, {document['jobs']} jobs on {given.workers} workers")
+    shaking = document["work_s"] / given.workers
     print(
-        f"  of it shaking {shaking:.1f} s, {told['wall_s'] - shaking:.1f} s of the session beside it; "
-        f"{told['failed']} failed"
+        f"  of it shaking {shaking:.1f} s, {document['wall_s'] - shaking:.1f} s of the session beside it; "
+        f"{document['failed']} failed"
     )
     print("  " + "\n  ".join(line for line in done.stderr.splitlines() if "stand" in line))
     called("atlas", out / "run").check_returncode()

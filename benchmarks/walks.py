@@ -43,13 +43,14 @@ def imported_from() -> dict[str, set[str]]:
     direct: dict[str, set[str]] = {}
     for path in (path for room in ROOMS for path in (ROOT / room).rglob("*.py")):
         froms = [node for node in ast.walk(ast.parse(path.read_bytes())) if isinstance(node, ast.ImportFrom)]
-        names = [f"{node.module}.{one.name}" for node in froms for one in node.names]
+        names = [f"{node.module}.{entry.name}" for node in froms for entry in node.names]
         names += [str(node.module) for node in froms]
         files = {"/".join(name.split(".")[1:]) + ".py" for name in names if name.startswith("toppling.")}
         direct[str(path.relative_to(ROOT))] = files
     while True:
         further = {
-            file: taken.union(*(direct.get(one, set()) for one in taken)) for file, taken in direct.items()
+            file: taken.union(*(direct.get(value, set()) for value in taken))
+            for file, taken in direct.items()
         }
         if further == direct:
             return direct
@@ -59,8 +60,8 @@ def imported_from() -> dict[str, set[str]]:
 class Walk:
     """The stops of what is carried, while the block runs, in all threads of this process."""
 
-    def __init__(self, carried: Callable[[Any], bool], left_out: str) -> None:
-        self.carried, self.left_out = carried, left_out
+    def __init__(self, tracked: Callable[[Any], bool], left_out: str) -> None:
+        self.tracked, self.left_out = tracked, left_out
         self.stops: dict[Stop, None] = {}
         self.calls: dict[tuple[Stop, Stop], None] = {}
         self._thread = threading.local()
@@ -87,7 +88,7 @@ class Walk:
         values = (
             [handed] if event == "return" else [frame.f_locals.get(name) for name in code.co_varnames[:count]]
         )
-        if not hidden and any(map(self.carried, values)):
+        if not hidden and any(map(self.tracked, values)):
             self._note(code, above)
         if event == "call":
             above.append((frame, hidden or code.co_name == self.left_out))
@@ -128,14 +129,14 @@ class Walk:
 def of_kind(kinds: tuple[str, ...], more: Callable[[Any], bool] = lambda _: False) -> Callable[[Any], bool]:
     """Whether something, or the first of a sequence, is of a class of the house with one of some names, or more."""
 
-    def carried(value: Any, deep: bool = True) -> bool:
+    def tracked(value: Any, deep: bool = True) -> bool:
         if type(value).__name__ in kinds and type(value).__module__.startswith("toppling."):
             return True
         return (
-            deep and isinstance(value, list | tuple) and bool(value) and carried(value[0], False)
+            deep and isinstance(value, list | tuple) and bool(value) and tracked(value[0], False)
         ) or more(value)
 
-    return carried
+    return tracked
 
 
 @contextlib.contextmanager
@@ -191,7 +192,7 @@ def record() -> Walk:
     block = Scene.block(0.2, 0.2, 0.6, friction=0.8)
     kinds = ("Component", "Candidate", "Record", "Motion", "Imposed", "Import", "Problem", "Shaking")
     compile_once()
-    with Walk(of_kind(kinds, lambda one: is_array(one) and len(one) > MANY), "run") as walk:
+    with Walk(of_kind(kinds, lambda value: is_array(value) and len(value) > MANY), "run") as walk:
         found = import_records(record_files([folder / "files"]))
         Ensemble.write(folder / "quakes", found.records)
         ensemble = Ensemble.load(folder / "quakes")
@@ -204,8 +205,10 @@ def points() -> Walk:
     from toppling.orchestrator.public.making import scan
 
     files = sorted((DEMO / "scan").glob("*.ply"))
-    carried = of_kind(("Cloud", "Rock", "Interface", "Scene"), lambda one: is_array(one) and len(one) > MANY)
-    with Walk(carried, "") as walk:
+    tracked = of_kind(
+        ("Cloud", "Rock", "Interface", "Scene"), lambda value: is_array(value) and len(value) > MANY
+    )
+    with Walk(tracked, "") as walk:
         scan(files, Path(tempfile.mkdtemp()) / "scene")
     return walk
 
@@ -216,31 +219,31 @@ def rows_to_map() -> Walk:
     from toppling.results.drawing.maps import map_figure
     from toppling.results.reader import open_run
 
-    with Walk(of_kind(("Run",), lambda one: isinstance(one, pd.DataFrame | pa.Table)), "") as walk:
+    with Walk(of_kind(("Run",), lambda value: isinstance(value, pd.DataFrame | pa.Table)), "") as walk:
         run = open_run(DEMO / "run")
         plane = PLANES["pga_pgv"]
         map_figure(run.weighted(run.frame()), plane)
     return walk
 
 
-def is_row(one: object) -> bool:
+def is_row(value: object) -> bool:
     """Whether something is the row of a job, or a list or table of such."""
-    if isinstance(one, list) and one:
-        one = one[0]
+    if isinstance(value, list) and value:
+        value = value[0]
     return "job_id" in (
-        one if isinstance(one, dict) else one.column_names if isinstance(one, pa.Table) else ()
+        value if isinstance(value, dict) else value.column_names if isinstance(value, pa.Table) else ()
     )
 
 
-def is_array(one: object) -> bool:
+def is_array(value: object) -> bool:
     """Whether something is an array of places or of three components, (n, 3)."""
-    return isinstance(one, np.ndarray) and one.ndim == 2 and one.shape[1] == 3
+    return isinstance(value, np.ndarray) and value.ndim == 2 and value.shape[1] == 3
 
 
 WALKS: dict[str, Callable[[], Walk]] = {"job": job, "record": record, "points": points, "map": rows_to_map}
 
 if __name__ == "__main__":
-    named = [one for one in sys.argv[1:] if one in WALKS]
+    named = [value for value in sys.argv[1:] if value in WALKS]
     for name in named or WALKS:
         walked = WALKS[name]()
         if "--list" in sys.argv:

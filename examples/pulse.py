@@ -52,13 +52,13 @@ def main() -> None:
     assert moved is not None  # it was asked for
     azimuth = np.radians(asked.azimuth)
     along = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
-    figure, (ground, tilt, way) = plt.subplots(3, 1, figsize=(4.5, 5.0), sharex=True, layout="constrained")
+    figure, (ground, tilt, path) = plt.subplots(3, 1, figsize=(4.5, 5.0), sharex=True, layout="constrained")
     ground.plot(motion.time_s, motion.velocity_at(motion.time_s) @ along, color="0.2")
     ground.set(ylabel="ground velocity (m/s)")
     tilt.plot(moved.time_s, tilt_deg(moved.quaternion_xyzw), color="0.2")
     tilt.set(ylabel="tilt (°)")
-    way.plot(moved.time_s, (moved.position_m - moved.position_m[0]) @ along, color="0.2")
-    way.set(ylabel="centre of mass,\nrelative to the ground (m)", xlabel="time (s)")
+    path.plot(moved.time_s, (moved.position_m - moved.position_m[0]) @ along, color="0.2")
+    path.set(ylabel="centre of mass,\nrelative to the ground (m)", xlabel="time (s)")
     title = f"PGV {asked.pgv:g} m/s, period {asked.period:g} s,\nazimuth {asked.azimuth:g}°: {result.outcome}"
     ground.set_title(title)
     figure.savefig(asked.out, dpi=150)

@@ -63,8 +63,8 @@ def statements(main: pd.DataFrame, lower: pd.DataFrame) -> list[str]:
             f"rank correlation of the least {name} that topples with {other}: {found.statistic:+.2f} "
             f"(p {found.pvalue:.2g}, {len(levels)} records)"
         )
-    shares = lower.groupby("friction_static")["toppled"].mean()
-    lines.append("share that topples by friction: " + ", ".join(f"{f:g}: {s:.3f}" for f, s in shares.items()))
+    parts = lower.groupby("friction_static")["toppled"].mean()
+    lines.append("share that topples by friction: " + ", ".join(f"{f:g}: {s:.3f}" for f, s in parts.items()))
     return lines
 
 

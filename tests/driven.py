@@ -91,8 +91,8 @@ class Browser:
 
     def complaints(self):
         """What the page's scripts complained of since the last call."""
-        told = self._ask("POST", f"{self._session}/se/log", {"type": "browser"})
-        return [each["message"] for each in told if each["level"] in ("SEVERE", "WARNING")]
+        result = self._ask("POST", f"{self._session}/se/log", {"type": "browser"})
+        return [entry["message"] for entry in result if entry["level"] in ("SEVERE", "WARNING")]
 
     def close(self):
         self._ask("DELETE", self._session)

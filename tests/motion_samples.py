@@ -369,17 +369,17 @@ COUNTS = sensitivity()
 
 def write_counts(folder: Path, channels: dict, response: Response | None, station: str = "TST") -> list[Path]:
     """MiniSEED of counts and azimuth and dip of each channel, by their code, and the StationXML of their response."""
-    paths, told = [], []
+    paths, result = [], []
     for code, (counts, azimuth, dip) in channels.items():
         header = {"network": "XX", "station": station, "channel": code, "delta": STEP_S}
         trace = obspy.Trace(np.round(counts).astype(np.int32), header)
         trace.stats.starttime = obspy.UTCDateTime(2020, 1, 1)
         paths.append(folder / f"XX.{station}..{code}.mseed")
         trace.write(str(paths[-1]), format="MSEED")
-        told.append(Channel(code, "", 0, 0, 0, 0, azimuth=azimuth, dip=dip, response=response))
+        result.append(Channel(code, "", 0, 0, 0, 0, azimuth=azimuth, dip=dip, response=response))
     if response:
         paths.append(folder / f"XX.{station}.xml")
-        network = Network("XX", [Station(station, 0, 0, 0, site=Site("test"), channels=told)])
+        network = Network("XX", [Station(station, 0, 0, 0, site=Site("test"), channels=result)])
         Inventory([network], source="test").write(str(paths[-1]), format="STATIONXML")
     return paths
 

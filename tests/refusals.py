@@ -12,21 +12,21 @@ def refused(code, *named, kind=InputError):
     """Expect an error of this code that names each of some values, wherever in its message they stand."""
     with pytest.raises(kind) as caught:
         yield caught
-    tells(str(caught.value), code, *named)
+    states(str(caught.value), code, *named)
     assert caught.value.code == code
 
 
-def tells(output, code, *named):
+def states(output, code, *named):
     assert f"[{code}]" in output, output
-    for each in named:
-        assert str(each) in output, (each, output)
+    for name in named:
+        assert str(name) in output, (name, output)
 
 
 def left_out(outcome, code, *named):
     """Assert that an import left something out, all of it for this reason, naming each of some values."""
     assert outcome.refusals
     for refusal in outcome.refusals:
-        tells(str(refusal.reason), code, *named)
+        states(str(refusal.reason), code, *named)
 
 
 def flip(path, at=None):

@@ -5,7 +5,7 @@ import pyarrow as pa
 from toppling.results.reader import open_run
 from toppling.results.schema import SCHEMA, SORT_ORDER, describe
 
-ANSWERS = [one.name for one in SCHEMA if describe(one)["group"] in ("identity", "imposed", "outcome")]
+ANSWERS = [entry.name for entry in SCHEMA if describe(entry)["group"] in ("identity", "imposed", "outcome")]
 
 
 def sorted_answers(rows):

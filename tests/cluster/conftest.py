@@ -103,9 +103,9 @@ def faults_file(tmp_path_factory):
 
 @pytest.fixture
 def faults(faults_file):
-    told = Faults(faults_file)
-    yield told
-    told.clear()
+    result = Faults(faults_file)
+    yield result
+    result.clear()
 
 
 @pytest.fixture(scope="session")

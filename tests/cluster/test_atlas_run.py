@@ -99,6 +99,6 @@ def test_a_worker_holds_no_more_the_more_rocks_it_has_shaken(tmp_path):
         assert (answer["status"], answer["scene_id"]) == ("ok", scene.scene_id)
         if row >= 24:
             gc.collect()
-            alive.append(sum(isinstance(one, Scene) for one in gc.get_objects()))
+            alive.append(sum(isinstance(value, Scene) for value in gc.get_objects()))
     # Each cache of what is derived from a scene holds eight, some are filled by every third rock only.
     assert max(alive[6:]) == max(alive[:6]) < 36

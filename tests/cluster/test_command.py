@@ -52,11 +52,11 @@ def test_ctrl_c_six_times_keeps_the_rows_and_says_how_to_go_on(inputs, planned, 
     for _ in range(6):
         os.killpg(process.pid, signal.SIGINT)
         time.sleep(0.15)
-    _, told = process.communicate(timeout=60)
+    _, output = process.communicate(timeout=60)
     assert process.returncode == 130
-    assert told.splitlines()[-1] == "stopped; the rows so far are kept, and the same command goes on"
-    assert "Traceback" not in told
-    assert told.count("stopped") == 1
+    assert output.splitlines()[-1] == "stopped; the rows so far are kept, and the same command goes on"
+    assert "Traceback" not in output
+    assert output.count("stopped") == 1
     state = state_of(run)
     assert state["state"] == "interrupted"
     assert 0 < state["stored"] < len(planned)

@@ -126,12 +126,12 @@ def test_workers_that_see_none_of_the_clients_disk_go_on_with_a_scheduler_that_i
 
         progress = run(plan_of(campaign), tmp_path / "run", existing(f"tcp://127.0.0.1:{port}"), watch)
         assert lost.poll() is not None
-        assert [each.poll() for each in workers] == [None] * 3  # they came back by themselves
+        assert [entry.poll() for entry in workers] == [None] * 3  # they came back by themselves
     assert (progress.deaths, progress.failed) == (0, 0)
     assert answers_of(tmp_path / "run") == undisturbed
     for cache in hosts:
-        kept = {place.name for place in (cache / "delivered").iterdir() if place.is_dir()}
-        assert kept == {Scene.load(campaign.scene).id, Ensemble.load(campaign.ensemble).id}
+        remaining = {place.name for place in (cache / "delivered").iterdir() if place.is_dir()}
+        assert remaining == {Scene.load(campaign.scene).id, Ensemble.load(campaign.ensemble).id}
 
 
 BLOCKING = """\

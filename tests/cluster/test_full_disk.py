@@ -34,8 +34,8 @@ def test_a_full_disk_is_one_sentence_and_the_run_goes_on_once_there_is_room(inpu
         check=False,
     )
     assert done.stdout.count("ended with 1") == 2, done.stderr
-    told = [line for line in done.stderr.splitlines() if "is full" in line]
-    assert [line.startswith("toppling: the disk") for line in told] == [True, True]
+    result = [line for line in done.stderr.splitlines() if "is full" in line]
+    assert [line.startswith("toppling: the disk") for line in result] == [True, True]
     assert "Traceback" not in done.stderr
     assert done.returncode == 0, done.stderr
     assert answers_of(tmp_path / "kept") == undisturbed

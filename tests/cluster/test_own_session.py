@@ -29,9 +29,9 @@ def listening(client):
     """Sockets on which the scheduler and its workers listen."""
     me = psutil.Process()
     for process in (me, *me.children(recursive=True)):
-        for one in process.net_connections("inet"):
-            if one.status == psutil.CONN_LISTEN:
-                yield one.laddr
+        for connection in process.net_connections("inet"):
+            if connection.status == psutil.CONN_LISTEN:
+                yield connection.laddr
 
 
 def test_a_local_run_belongs_to_its_user_and_listens_to_nobody_without_its_key(client):

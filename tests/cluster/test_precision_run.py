@@ -57,13 +57,13 @@ def whole(asking, client, tmp_path_factory):
 def test_the_run_ends_with_a_statement_from_few_of_its_jobs_each_as_one_process_does_it(
     whole, planned, asking
 ):
-    (told,) = statements_of(whole)
+    (result,) = statements_of(whole)
     rows = open_run(whole).table()
-    assert told["ended"]
-    assert told["reason"] == ""
-    assert told["precision"] <= PRECISION
-    assert told["jobs"] == len(rows) == sum(told["rounds"]) < len(planned) / 3
-    assert told["low"] < told["value"] < told["high"]
+    assert result["ended"]
+    assert result["reason"] == ""
+    assert result["precision"] <= PRECISION
+    assert result["jobs"] == len(rows) == sum(result["rounds"]) < len(planned) / 3
+    assert result["low"] < result["value"] < result["high"]
     state = state_of(whole)
     assert (state["state"], state["jobs"], state["stored"]) == ("complete", len(rows), len(rows))
     assert open_run(whole).completeness().remark == ""

@@ -66,26 +66,26 @@ def test_a_run_in_a_store_has_one_writer_and_goes_on_elsewhere_once_that_is_kill
         return any((looked_at.path / "parts").glob("part-*"))
 
     wait_until(has_rows, pause_s=0.5)
-    told = toppling(*command, env=machine("second"), refused=True)
+    result = toppling(*command, env=machine("second"), refused=True)
     owner = f"{socket.gethostname()}:{first.pid} since"
-    assert f"{ADDRESS}: is written to by {owner}" in told
+    assert f"{ADDRESS}: is written to by {owner}" in result
     assert "running" in toppling("status", ADDRESS, env=machine("second"))
     os.killpg(first.pid, signal.SIGKILL)
     first.wait()
     faults.clear()
 
-    told = toppling("status", ADDRESS, env=machine("second"))
-    assert "of 72" in told
-    assert owner in told
+    result = toppling("status", ADDRESS, env=machine("second"))
+    assert "of 72" in result
+    assert owner in result
     for name in ("first", "second"):
-        told = toppling(*command, env=machine(name), refused=True)
-        assert owner in told
-        assert "--take-over" in told
-    told = toppling(*command, "--take-over", env=machine("second"))
-    assert f"{ADDRESS}: " in told
-    assert f"toppling fragility {ADDRESS}" in told
-    assert " 0 done before" not in told
-    assert owner in told  # whose place is taken
+        result = toppling(*command, env=machine(name), refused=True)
+        assert owner in result
+        assert "--take-over" in result
+    result = toppling(*command, "--take-over", env=machine("second"))
+    assert f"{ADDRESS}: " in result
+    assert f"toppling fragility {ADDRESS}" in result
+    assert " 0 done before" not in result
+    assert owner in result  # whose place is taken
 
     looked_at.pull()
     assert not list(Path(looked_at.path / "parts").glob("part-*"))

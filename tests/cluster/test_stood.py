@@ -46,7 +46,7 @@ def folder(tmp_path_factory):
     place = tmp_path_factory.mktemp("stood")
     half_m = (0.15, 0.06)
     feet = [np.array([[x, y, 0.0] for x in (-w, w) for y in (-0.2, 0.2)]) for w in half_m]
-    bases = UnseenBase(0.05, tuple(BaseDraw(each) for each in feet))
+    bases = UnseenBase(0.05, tuple(BaseDraw(v) for v in feet))
     axes = {"azimuth_deg": [0], "realisations": 3, "preset": "draft", "audit": 0}
     levels = [0.8, 1.2, 1.6, 2, 2.5, 3, 4, 6, 8]
     scene = replace(Scene.block(0.15, 0.2, 0.6), unseen=bases)
@@ -82,15 +82,15 @@ def test_a_motion_weighs_bases_by_how_often_the_rock_stood_it_as_it_was_recorded
     """Along y, across the line in which they differ, the two bases are one."""
     asked = ("constrain", plain, "--measure", "pga_m_s2", "--json")
     without = json.loads(toppling(*asked).stdout)
-    told = json.loads(toppling(*asked, "--stood", folder / motion).stdout)
-    (base,) = told.pop("stood")
+    read = json.loads(toppling(*asked, "--stood", folder / motion).stdout)
+    (base,) = read.pop("stood")
     assert [base["weights"]["0"], base["weights"]["1"]] == weights
-    assert ([Path(one).name for one in base["files"]], base["bases"], base["shakes"]) == ([motion], 2, SHAKES)
+    assert ([Path(f).name for f in base["files"]], base["bases"], base["shakes"]) == ([motion], 2, SHAKES)
     if motion == "strong":
         assert base["effective_bases"] == pytest.approx(1.117, abs=1e-3)
         assert base["median_shift_percent"] > 10.0
     else:
-        assert told == without
+        assert read == without
 
 
 @pytest.mark.thorough
@@ -99,29 +99,29 @@ def test_a_campaigns_weights_are_the_same_on_any_number_of_workers_and_as_constr
 ):
     run(folder / "strong.toml", folder / "strong-2", cluster=client)
     toppling("run", folder / "strong.toml", "--out", folder / "strong-1", "--workers", 1)
-    one, two = (open_run(folder / f"strong-{workers}") for workers in (1, 2))
-    ((weights,), (again,)) = (run.weights().by_contact.values() for run in (one, two))
+    first, two = (open_run(folder / f"strong-{workers}") for workers in (1, 2))
+    ((weights,), (again,)) = (run.weights().by_contact.values() for run in (first, two))
     assert (weights == again).all()
     assert list(weights) == WEIGHTS
-    assert (one.path / WEIGHTS_FILE).read_bytes() == (two.path / WEIGHTS_FILE).read_bytes()
-    assert set(one.frame()["job_id"]) == set(open_run(plain).frame()["job_id"])  # the shakes are the same
-    assert one.provenance()["plan_id"] != open_run(plain).provenance()["plan_id"]  # what they say is not
+    assert (first.path / WEIGHTS_FILE).read_bytes() == (two.path / WEIGHTS_FILE).read_bytes()
+    assert set(first.frame()["job_id"]) == set(open_run(plain).frame()["job_id"])  # the shakes are the same
+    assert first.provenance()["plan_id"] != open_run(plain).provenance()["plan_id"]  # what they say is not
     asked = ("--measure", "pga_m_s2", "--json")
-    told, later = (
+    read, later = (
         json.loads(toppling("constrain", run, *asked, *also).stdout)
-        for run, also in ((one.path, ()), (plain, ("--stood", folder / "strong")))
+        for run, also in ((first.path, ()), (plain, ("--stood", folder / "strong")))
     )
-    assert told["unexceeded"] == pytest.approx(later["unexceeded"])
-    assert told["stood"][0]["weights"] == later["stood"][0]["weights"]
+    assert read["unexceeded"] == pytest.approx(later["unexceeded"])
+    assert read["stood"][0]["weights"] == later["stood"][0]["weights"]
     with refused("record.given_twice", "strong"):
-        toppling("constrain", one.path, *asked, "--stood", folder / "strong")
-    state = json.loads(toppling("status", one.path, "--json").stdout)
+        toppling("constrain", first.path, *asked, "--stood", folder / "strong")
+    state = json.loads(toppling("status", first.path, "--json").stdout)
     assert state["stood"]["contacts"][0]["effective_bases"] == pytest.approx(1.117, abs=1e-3)
     # The folder repeats itself, and damaged weights stop it.
-    toppling("run", one.path / "campaign.toml", "--out", one.path)
-    flip(one.path / WEIGHTS_FILE)
-    with refused("file.damaged", one.path / WEIGHTS_FILE):
-        toppling("run", folder / "strong.toml", "--out", one.path)
+    toppling("run", first.path / "campaign.toml", "--out", first.path)
+    flip(first.path / WEIGHTS_FILE)
+    with refused("file.damaged", first.path / WEIGHTS_FILE):
+        toppling("run", folder / "strong.toml", "--out", first.path)
 
 
 @pytest.mark.parametrize(

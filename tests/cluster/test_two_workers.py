@@ -36,13 +36,13 @@ def test_two_workers_give_the_rows_of_one_process_bit_for_bit(whole, undisturbed
     session = whole.session
     assert (session.done, session.failed, session.before) == (len(undisturbed), 0, 0)
     assert state_of(whole.path)["state"] == "complete"
-    kept = json.loads(pq.read_schema(whole.path / "results.parquet").metadata[b"run.json"])
-    assert [(one["ended"], one["done"]) for one in kept["sessions"]] == [("complete", session.done)]
-    told = [json.loads(line) for line in (whole.path / "run.log").read_text().splitlines()]
-    assert (told[0]["event"], told[0]["jobs"]) == ("session began", len(undisturbed))
+    remaining = json.loads(pq.read_schema(whole.path / "results.parquet").metadata[b"run.json"])
+    assert [(item["ended"], item["done"]) for item in remaining["sessions"]] == [("complete", session.done)]
+    document = [json.loads(line) for line in (whole.path / "run.log").read_text().splitlines()]
+    assert (document[0]["event"], document[0]["jobs"]) == ("session began", len(undisturbed))
     ended = ("session ended", "complete", len(undisturbed))
-    assert (told[-1]["event"], told[-1]["how"], told[-1]["done"]) == ended
-    assert any(entry["event"] == "rows stored" for entry in told)
+    assert (document[-1]["event"], document[-1]["how"], document[-1]["done"]) == ended
+    assert any(entry["event"] == "rows stored" for entry in document)
     assert len({row["outcome"] for row in undisturbed}) > 1, "the ensemble must not be trivial"
 
 
@@ -64,7 +64,7 @@ def test_a_run_that_is_stopped_goes_on_where_it_was_and_killed_workers_cost_it_n
     def kill(progress):
         if len(killed) < 2 and progress.done >= 10 * (len(killed) + 1):
             pids = client.run(os.getpid, on_error="ignore").values()
-            pid = next((each for each in pids if each not in killed), None)
+            pid = next((value for value in pids if value not in killed), None)
             if pid is None:
                 return  # the one that is left was told to die, and has not yet
             killed.append(pid)
@@ -89,8 +89,8 @@ def test_a_worker_whose_job_hangs_ends_itself_the_job_is_given_up_and_the_others
     assert progress.status == {"ok": len(undisturbed) - 1, "crashed": 1}
     (lost,) = [row for row in open_run(tmp_path / "run").table().to_pylist() if row["status"] == "crashed"]
     assert (lost["job_id"], lost["attempt"]) == (hangs, 2)
-    told = [json.loads(line) for line in (tmp_path / "run" / "run.log").read_text().splitlines()]
-    assert any("Timeout (" in one["why"] for one in told if one["event"] == "worker process died")
+    document = [json.loads(line) for line in (tmp_path / "run" / "run.log").read_text().splitlines()]
+    assert any("Timeout (" in entry["why"] for entry in document if entry["event"] == "worker process died")
 
 
 def test_a_run_whose_workers_die_whenever_they_start_ends_within_seconds_and_says_why(
@@ -103,10 +103,10 @@ def test_a_run_whose_workers_die_whenever_they_start_ends_within_seconds_and_say
         with pytest.raises(RunError, match="SIGKILL"):
             run(plan_of(campaign), tmp_path / "run", local(2), lambda progress: None)
         assert time.monotonic() - began < 20.0
-    told = [json.loads(line) for line in (tmp_path / "run" / "run.log").read_text().splitlines()]
-    deaths = [one for one in told if one["event"] == "worker process died"]
+    document = [json.loads(line) for line in (tmp_path / "run" / "run.log").read_text().splitlines()]
+    deaths = [entry for entry in document if entry["event"] == "worker process died"]
     assert len(deaths) >= 2
-    assert all("SIGKILL" in one["why"] and not one["joined"] for one in deaths)
+    assert all("SIGKILL" in death["why"] and not death["joined"] for death in deaths)
     run(plan_of(campaign), tmp_path / "run", local(2), lambda progress: None)
     assert answers_of(tmp_path / "run") == undisturbed
 
@@ -143,5 +143,5 @@ def test_a_run_audits_itself_and_its_rows_stay_what_they_are(campaign, client, u
         Work(planned, folder, versions(), client, lambda progress: None, RunProgress(46, 0)), 46
     )
     assert [(progress.before, progress.done) for progress in progresses] == [(40, 6)] * len(progresses)
-    told = CliRunner().invoke(cli, ["status", str(folder), "--json"])
-    assert json.loads(told.stdout)["audit"]["jobs"] == 46
+    completed = CliRunner().invoke(cli, ["status", str(folder), "--json"])
+    assert json.loads(completed.stdout)["audit"]["jobs"] == 46

@@ -29,10 +29,10 @@ DISOBEYED = {
 
 def module_names():
     """Top-level names of the standard library and of all that a worker imports, the program's own aside."""
-    told = subprocess.run(
+    completed = subprocess.run(
         [sys.executable, "-P", "-c", IMPORTED], capture_output=True, text=True, check=True
     ).stdout
-    names = sys.stdlib_module_names | set(told.split())
+    names = sys.stdlib_module_names | set(completed.split())
     return sorted(name for name in names if name.isidentifier() and name not in ("toppling", "__main__"))
 
 

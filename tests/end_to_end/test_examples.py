@@ -49,10 +49,10 @@ def test_an_example_is_a_page_on_the_public_interface(path):
 def test_a_weak_pulse_leaves_the_block_standing_and_a_strong_one_topples_it(inputs, tmp_path):
     for pgv, outcome in ((0.1, "stands"), (3.0, "toppled")):
         out = tmp_path / f"{outcome}.png"
-        said = printed(
+        text = printed(
             "pulse.py", inputs / "scene", "--pgv", pgv, "--period", 1.0, "--azimuth", 0, "--out", out
         )
-        assert said.startswith(outcome)
+        assert text.startswith(outcome)
         assert out.stat().st_size > 10_000
 
 
@@ -86,16 +86,16 @@ def test_pulses_far_below_and_far_above_what_overturns_a_block_are_told_apart(tm
     tests.to_csv(tmp_path / "tests.csv", index=False)
     asked = ("--mesh", "block.ply", "--outcome", "sp3_overturned", "--draws", 4, "--out", tmp_path / "out")
     assert "accuracy 1," in printed("validation.py", tmp_path, *asked)
-    told = pd.read_csv(tmp_path / "out" / "tests.csv")
-    assert ((told["probability"] > 0.5) == (told["test_no"] > 3)).all()
+    table = pd.read_csv(tmp_path / "out" / "tests.csv")
+    assert ((table["probability"] > 0.5) == (table["test_no"] > 3)).all()
 
 
 def test_a_small_study_runs_all_of_its_jobs_and_tells_its_findings(inputs, tmp_path):
     out = tmp_path / "study"
     asked = ("--pga-step", 9, "--directions", 2, "--preset", "draft")
-    said = printed("study.py", inputs / "scene", inputs / "ensemble", out, *asked)
-    assert f"main: {6 * 3 * 2} jobs" in said
-    assert f"friction: {6 * 3 * 3} jobs" in said
+    text = printed("study.py", inputs / "scene", inputs / "ensemble", out, *asked)
+    assert f"main: {6 * 3 * 2} jobs" in text
+    assert f"friction: {6 * 3 * 3} jobs" in text
     assert len((out / "findings.txt").read_text().splitlines()) == 5
     for name in ("figures/study.png", "figures/main/pga_pgv.png", "report.html"):
         assert next(out.glob(f"**/{Path(name).name}")).stat().st_size > 5000

@@ -121,8 +121,8 @@ def inputs(tmp_path_factory):
         lines = "".join(f"{value:15.7E}\n" for value in series)
         (folder / f"quake_{name_of}.AT2").write_text(title + count + lines)
     shutil.copy(folder / "records" / name, folder / "simulated" / "motion.csv")
-    told = "simulated/motion.csv"
-    (folder / "table.csv").write_text(f"h1,h2,v,event,station\n{told},{told},{told},scenario,Echo\n")
+    result = "simulated/motion.csv"
+    (folder / "table.csv").write_text(f"h1,h2,v,event,station\n{result},{result},{result},scenario,Echo\n")
     for curve, factor in (("mean.csv", 1.0), ("high.csv", 3.0)):
         rows = "".join(
             f"{pgv},{factor * 1e-4 * pgv**-2:.3g}\n" for pgv in (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 4.0, 8.0)
@@ -211,7 +211,7 @@ def shortened(text, folder):
 def call(words, folder):
     assert words[0] == "toppling", words
     if words[1] == "run":  # it starts processes, and takes over signals
-        told = subprocess.run(
+        completed = subprocess.run(
             [sys.executable, "-c", RUN_TOPPLING, *words[1:]],
             cwd=folder,
             env=os.environ | SITE,
@@ -219,7 +219,7 @@ def call(words, folder):
             text=True,
             check=False,
         )
-        assert told.returncode == 0, f"{words}\n{told.stdout}\n{told.stderr}"
+        assert completed.returncode == 0, f"{words}\n{completed.stdout}\n{completed.stderr}"
         return
     before = Path.cwd()
     os.chdir(folder)

@@ -42,11 +42,11 @@ def site(tmp_path_factory):
 
 def test_a_placed_model_has_the_volume_and_centre_of_mass_of_the_true_body(site):
     folder, true = site
-    told = subprocess.run(
+    completed = subprocess.run(
         [*COMMAND, "model.obj", "--gcp", "gcp.csv", "--crs", "EPSG:32611", "--out", "rock"],
         cwd=folder, capture_output=True, text=True, check=False,
     )  # fmt: skip
-    assert told.returncode == 0, told.stderr
+    assert completed.returncode == 0, completed.stderr
     scene = json.loads((folder / "rock" / "scene.json").read_text())
     # The half a percent; the base, which no camera sees, is drawn .3 % off.
     assert scene["rock"]["volume_m3"] == pytest.approx(true.volume_m3, rel=0.005)

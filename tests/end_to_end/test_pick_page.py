@@ -95,16 +95,16 @@ def test_what_narrows_most_is_named_and_a_click_goes_there_and_a_false_pull_is_t
     assert re.fullmatch(r"a pull toward \w+", named)
     browser.run(f"{first}.click()")
     assert browser.run("return document.getElementById('pull').azimuth.value") == named.split()[-1]
-    said = "document.getElementById('warnings').innerText"
-    assert browser.run(f"return {said}") == ""
+    text = "document.getElementById('warnings').innerText"
+    assert browser.run(f"return {text}") == ""
     browser.run("""
         const form = document.getElementById("pull");
         form.azimuth.value = "N40E"; form.ratio.value = 2; form.requestSubmit();
     """)
-    browser.until(f"{IDLE} == 'true' && {said}.includes('the pull of 2')")
-    assert "--" not in browser.run(f"return {said}")  # the page's words, not the command's options
+    browser.until(f"{IDLE} == 'true' && {text}.includes('the pull of 2')")
+    assert "--" not in browser.run(f"return {text}")  # the page's words, not the command's options
     browser.keys("z", held=CONTROL)
-    browser.until(f"{IDLE} == 'true' && {said} == ''")
+    browser.until(f"{IDLE} == 'true' && {text} == ''")
 
 
 @needs_driver
@@ -130,16 +130,16 @@ def test_the_plane_is_a_handle_and_a_drag_is_a_hint(page):
 @needs_driver
 def test_the_base_is_said_by_its_controls_and_touches_alone_once_there_are_three(page):
     browser, _ = page
-    least, said = (f"return document.getElementById('{name}').innerText" for name in ("least", "hints"))
+    least, text = (f"return document.getElementById('{name}').innerText" for name in ("least", "hints"))
     before = browser.run(least)
     assert "90 %" in browser.run("return document.getElementById('numbers').innerText")
     assert "by its rim" in browser.run("return document.getElementById('notes').textContent")
     browser.click("#base option:nth-child(2)")
-    browser.until(f"{IDLE} == 'true' && {said[7:]}.includes('base: flat')")
+    browser.until(f"{IDLE} == 'true' && {text[7:]}.includes('base: flat')")
     assert browser.run(least) != before
     assert browser.run("return document.getElementById('base').only.disabled")
     browser.keys("z", held=CONTROL)
-    browser.until(f"{IDLE} == 'true' && {said[7:]} == 'none yet' && {OUTLINED}")
+    browser.until(f"{IDLE} == 'true' && {text[7:]} == 'none yet' && {OUTLINED}")
     browser.click("[data-mode=touch]")
     for count in (1, 2, 3):
         click_outline(browser)
@@ -148,12 +148,12 @@ def test_the_base_is_said_by_its_controls_and_touches_alone_once_there_are_three
         browser.until(f"{IDLE} == 'true' && {OUTLINED}")
     touching = browser.run(least)
     browser.click("#base input")
-    browser.until(f"{IDLE} == 'true' && {said[7:]}.includes('there and nowhere else')")
+    browser.until(f"{IDLE} == 'true' && {text[7:]}.includes('there and nowhere else')")
     assert browser.run("return document.getElementById('error').hidden")
     assert browser.run(least) != touching
     for _ in range(4):
         browser.keys("z", held=CONTROL)
-    browser.until(f"{IDLE} == 'true' && {said[7:]} == 'none yet'")
+    browser.until(f"{IDLE} == 'true' && {text[7:]} == 'none yet'")
 
 
 @needs_driver
@@ -171,19 +171,19 @@ def test_clicks_become_hints_by_which_the_scan_repeats(page, cloud):
     assert browser.run("return document.querySelectorAll('#plot path[stroke-dasharray]').length") == 2
     browser.click("#save")
     browser.until("document.body.dataset.saved == '1'")
-    assert not [each for each in browser.complaints() if "GPU stall" not in each]
+    assert not [complaint for complaint in browser.complaints() if "GPU stall" not in complaint]
     browser.click("#end")
-    told, complained = command.communicate(timeout=120)
+    output, complained = command.communicate(timeout=120)
     assert command.returncode == 0, complained
-    assert "rock of" in told
+    assert "rock of" in output
     again = [*COMMAND, str(cloud), "--out", str(cloud.parent / "again")]
     done = subprocess.run(
         [*again, "--hints", str(cloud.parent / "rock" / "hints.toml")], capture_output=True, text=True
     )
     assert done.returncode == 0, done.stderr
-    one, other = scene(cloud.parent / "rock"), scene(cloud.parent / "again")
-    assert one["id"] == other["id"]
-    assert one["report"] == other["report"]
+    first, other = scene(cloud.parent / "rock"), scene(cloud.parent / "again")
+    assert first["id"] == other["id"]
+    assert first["report"] == other["report"]
     # Of a scene that is drawn again, whose clouds are not read, no hint on these is asked for.
     with opened(cloud.parent / "drawn", "--again", cloud.parent / "rock") as (browser, _):
         assert browser.run("return document.getElementById('modes').innerText").split() == [

@@ -151,7 +151,7 @@ def _read_records(folder: Path) -> Any:
     )
     if not outcome.records and outcome.refusals:
         raise outcome.refusals[0].reason
-    return [[*each.motion.acceleration_m_s2.ravel(), *each.intensity.values()] for each in outcome.records]
+    return [[*r.motion.acceleration_m_s2.ravel(), *r.intensity.values()] for r in outcome.records]
 
 
 def _write_station_xml(folder: Path) -> None:
@@ -180,9 +180,9 @@ def _write_scene(folder: Path) -> None:
 
 def _unseal(document: Path) -> None:
     """Take the digest out, or it would tell every damage before the document is looked at: a stranger's has none."""
-    told = json.loads(document.read_text())
-    del told["digest"]
-    document.write_text(json.dumps(told, indent=1))
+    read = json.loads(document.read_text())
+    del read["digest"]
+    document.write_text(json.dumps(read, indent=1))
 
 
 def _read_scene(folder: Path) -> Any:
@@ -323,9 +323,7 @@ READERS: dict[str, Reader] = {
         for name, write in WRITERS.items()
     },
     "StationXML": Reader(_write_station_xml, _read_station_xml),
-    "metadata table": _of_file(
-        "table.csv", TABLE, lambda path: [each.time_step_s for each in read_table(path)]
-    ),
+    "metadata table": _of_file("table.csv", TABLE, lambda path: [e.time_step_s for e in read_table(path)]),
     **{
         f"deaggregation{of}": _of_file(
             "bins.csv", text, lambda path: [b.contribution for b in read_deaggregation(path).bins]
@@ -357,7 +355,9 @@ READERS: dict[str, Reader] = {
         lambda path: plain("near", read_hints(path).get("near", ())),
     ),
     "fault traces": _of_file(
-        "faults.geojson", FAULTS, lambda path: [one.distance_km for one in read_faults(path, (-118.0, 34.0))]
+        "faults.geojson",
+        FAULTS,
+        lambda path: [fault.distance_km for fault in read_faults(path, (-118.0, 34.0))],
     ),
     "events": _of_file(
         "events.csv",
@@ -367,7 +367,7 @@ READERS: dict[str, Reader] = {
     "table of rocks": _of_file(
         "rocks.csv",
         "scene,longitude,latitude,age,friction\na,-118.0,34.0,15 ka,0.7\n",
-        lambda path: [one.friction for one in read_sites(path)],
+        lambda path: [s.friction for s in read_sites(path)],
     ),
     "scene": Reader(_write_scene, _read_scene),
     "scene.json": Reader(_write_scene, _read_scene, ("scene.json",)),

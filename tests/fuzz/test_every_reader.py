@@ -56,12 +56,12 @@ changes = st.one_of(
 )  # fmt: skip
 
 
-def of_another_system(content: bytes, way: str) -> bytes:
+def of_another_system(content: bytes, direction: str) -> bytes:
     """Content as a program of another system, country or habit writes it."""
-    if way.startswith("utf"):
-        return content.decode("latin-1").encode(way)
+    if direction.startswith("utf"):
+        return content.decode("latin-1").encode(direction)
     filled = {"end of file": content + b"\x1a" * 128, "zeros": content + bytes(512), "upper": content.upper()}
-    return filled.get(way, content.replace(b",", b";").replace(b".", b","))
+    return filled.get(direction, content.replace(b",", b";").replace(b".", b","))
 
 
 def changed(content: bytes, change: tuple) -> bytes:
@@ -119,8 +119,8 @@ class Sample:
     def lay_out(self, victim: Path | None = None, content: bytes = b"") -> None:
         shutil.rmtree(self.place, ignore_errors=True)
         self.place.mkdir()
-        for each in self.folders:
-            (self.place / each).mkdir(parents=True, exist_ok=True)
+        for folder in self.folders:
+            (self.place / folder).mkdir(parents=True, exist_ok=True)
         for name, sound in self.files.items():
             (self.place / name).write_bytes(content if name == victim else sound)
 
@@ -165,11 +165,11 @@ def peak_bytes() -> int:
 def spent_s() -> float:
     """Processor time of this process and of those that read for it: another one's work on the machine is not theirs."""
     reading = [
-        psutil.Process(each.process.pid).cpu_times()
-        for each in guarded.READERS
-        if each.process.poll() is None
+        psutil.Process(reader.process.pid).cpu_times()
+        for reader in guarded.READERS
+        if reader.process.poll() is None
     ]
-    return sum(os.times()[:4]) + sum(each.user + each.system for each in reading)
+    return sum(os.times()[:4]) + sum(entry.user + entry.system for entry in reading)
 
 
 def outcome(sample: Sample) -> tuple[str, float]:
@@ -181,7 +181,7 @@ def outcome(sample: Sample) -> tuple[str, float]:
         found, refusal = [], error
     took = spent_s() - start
     if refusal is None:
-        assert all(np.isfinite(np.asarray(each, float)).all() for each in found)
+        assert all(np.isfinite(np.asarray(entry, float)).all() for entry in found)
         return "read", took
     assert all((refusal.where, refusal.expected, refusal.remedy))
     assert not re.search("[\x00-\x08\x0b-\x1f\x7f-\x9f]", plain_text(str(refusal)))

@@ -30,7 +30,7 @@ def round_cap(edge_m, radius_m=0.65, half_width_m=0.3, height_m=1.0):
 
 def height_field(height_at, ticks_m):
     """Square cells over the ticks along x and y, halved, at the height of a function of x and y."""
-    x, y = (each.ravel() for each in np.meshgrid(ticks_m, ticks_m, indexing="ij"))
+    x, y = (grid.ravel() for grid in np.meshgrid(ticks_m, ticks_m, indexing="ij"))
     n = len(ticks_m)
     i = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
     faces = np.vstack([np.column_stack([i, i + n, i + n + 1]), np.column_stack([i, i + n + 1, i + 1])])

@@ -31,8 +31,8 @@ def free_rocking_time_s(alpha: float, frequency: float, share: float) -> float:
 
 def next_peak(alpha: float, ratio: float, peak: float) -> float:
     """Peak angle after the impact that follows a peak, of a symmetrical body whose impacts keep `ratio`."""
-    kept = ratio**2 * (np.cos(alpha - peak) - np.cos(alpha))
-    return float(alpha - np.arccos(np.cos(alpha) + kept))
+    remaining = ratio**2 * (np.cos(alpha - peak) - np.cos(alpha))
+    return float(alpha - np.arccos(np.cos(alpha) + remaining))
 
 
 def overturning_velocity_step_m_s(half_width: float, half_height: float) -> float:

@@ -53,8 +53,8 @@ class PlaneBody:
 
     def impact_ratio(self, landing: int) -> float:
         """Angular velocity after landing on the right (+1) or left (-1) corner over that before."""
-        kept = self.inertia_per_mass_m2 + self.height_m**2 - self.right_m * self.left_m
-        return kept / self.inertia_about_corner_m2(landing)
+        remaining = self.inertia_per_mass_m2 + self.height_m**2 - self.right_m * self.left_m
+        return remaining / self.inertia_about_corner_m2(landing)
 
 
 @dataclass(frozen=True)

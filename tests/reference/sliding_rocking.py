@@ -94,16 +94,16 @@ def _impulses(inertia, contact, touching, before, free, sticks) -> tuple[Array, 
     scale = float(np.abs(free).max() + np.abs(before).max()) + 1e-300
     slack = _SLACK * scale
 
-    def after_mode(way: int, pressing: tuple[bool, ...]) -> Array | None:
+    def after_mode(direction: int, pressing: tuple[bool, ...]) -> Array | None:
         """Velocity after one mode's impulses, or None where it breaks one of its conditions."""
         closed = [n for n, p in zip(normals, pressing, strict=True) if p]
         targets = [v for v, p in zip(least, pressing, strict=True) if p]
-        if way == 0:
+        if direction == 0:
             rows, wanted = [*closed, tangent], [*targets, 0.0]
             columns = rows
         else:
             rows, wanted = closed, targets
-            columns = [n - way * contact.friction_kinetic * tangent for n in closed]
+            columns = [n - direction * contact.friction_kinetic * tangent for n in closed]
         system = np.array([[float(r @ (compliance * c)) for c in columns] for r in rows])
         try:
             impulse = np.linalg.solve(system, np.array(wanted) - np.array([float(r @ free) for r in rows]))
@@ -115,19 +115,19 @@ def _impulses(inertia, contact, touching, before, free, sticks) -> tuple[Array, 
             return None
         if any(float(n @ after) < v - slack for n, v in zip(normals, least, strict=True)):
             return None
-        if way == 0:
+        if direction == 0:
             return after if abs(impulse[-1]) <= contact.friction_static * normal.sum() + slack else None
-        return after if way * float(tangent @ after) >= -slack else None
+        return after if direction * float(tangent @ after) >= -slack else None
 
     slip = float(tangent @ before)
     slipping = not sticks and abs(slip) > 1e-9 * scale
     onward = int(np.sign(slip))
     # A corner that slides keeps sliding where that is consistent; one that rests keeps resting.
-    ways = (onward, 0, -onward) if slipping else (0, 1, -1)
+    directions = (onward, 0, -onward) if slipping else (0, 1, -1)
     sets = [s for s in product((True, False), repeat=len(normals)) if any(s)]
-    for way, pressing in product(ways, sets):
-        after = after_mode(way, pressing)
+    for direction, pressing in product(directions, sets):
+        after = after_mode(direction, pressing)
         if after is not None:
-            return after, way == 0
+            return after, direction == 0
     msg = f"no contact mode is consistent: velocity before {before}, free {free}, corners {touching}"
     raise ArithmeticError(msg)

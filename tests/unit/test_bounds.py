@@ -6,7 +6,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from refusals import tells
+from refusals import states
 
 from toppling.models.errors import InputError
 from toppling.models.files.documents import read_toml
@@ -86,9 +86,9 @@ TEXTS = [
 def test_what_a_file_asks_for_is_refused_by_name_before_it_is_made(tmp_path, read, text, named):
     path = tmp_path / ("file.toml" if read in (Campaign.read, read_toml) else "file.csv")
     path.write_text(text)
-    said = refusal(read, path)
-    assert str(path) in said
-    assert [each for each in named if each not in said] == []
+    message = refusal(read, path)
+    assert str(path) in message
+    assert [name for name in named if name not in message] == []
 
 
 def test_jobs_are_counted_before_any_is_made(tmp_path):
@@ -97,9 +97,9 @@ def test_jobs_are_counted_before_any_is_made(tmp_path):
         "azimuth_deg": {"start": 0, "stop": 350, "step": 0.1},
     }
     campaign = Campaign.of({"scene": "s", "ensemble": "e", "friction": [0.8], **axes}, tmp_path)
-    said = refusal(campaign.check_jobs, 100)
-    assert "100 records x 901 levels x 3501 azimuths" in said
-    assert str(MOST_JOBS) in said
+    message = refusal(campaign.check_jobs, 100)
+    assert "100 records x 901 levels x 3501 azimuths" in message
+    assert str(MOST_JOBS) in message
     campaign.check_jobs(3)
 
 
@@ -130,9 +130,9 @@ RIGHT = (
     ],
 )  # fmt: skip
 def test_a_mistyped_value_of_a_scene_is_refused_by_its_place(tmp_path, sound_scene, place, value):
-    told = json.loads((sound_scene / "scene.json").read_text())
-    del told["digest"]  # a stranger's document carries none
-    inner = told
+    document = json.loads((sound_scene / "scene.json").read_text())
+    del document["digest"]  # a stranger's document carries none
+    inner = document
     *above, last = place.split(".")
     for key in above:
         inner = inner[key]
@@ -141,22 +141,22 @@ def test_a_mistyped_value_of_a_scene_is_refused_by_its_place(tmp_path, sound_sce
     inner[last] = value
     for name in ("rock.ply", "pedestal.ply"):
         (tmp_path / name).write_bytes((sound_scene / name).read_bytes())
-    (tmp_path / "scene.json").write_text(json.dumps(told))
-    said = refusal(Scene.load, tmp_path)
-    assert place in said.splitlines()[0] or "[scene.changed]" in said
+    (tmp_path / "scene.json").write_text(json.dumps(document))
+    message = refusal(Scene.load, tmp_path)
+    assert place in message.splitlines()[0] or "[scene.changed]" in message
 
 
 @pytest.mark.parametrize("key", ["sessions", "jobs"])
 @pytest.mark.parametrize("value", [None, "text", -1, {}, [7], 1e300, 10**200])
 def test_a_run_that_lacks_or_mistypes_a_value_is_refused_by_its_key(tmp_path, key, value):
-    told = {"schema_version": 1, "jobs": 3, "sessions": [], "plan_id": "p", "versions": {}}
-    (tmp_path / "run.json").write_text(json.dumps(told))
+    result = {"schema_version": 1, "jobs": 3, "sessions": [], "plan_id": "p", "versions": {}}
+    (tmp_path / "run.json").write_text(json.dumps(result))
     assert describe(tmp_path)["jobs"] == 3
-    (tmp_path / "run.json").write_text(json.dumps(told | {key: value}))
+    (tmp_path / "run.json").write_text(json.dumps(result | {key: value}))
     assert f"{key}" in refusal(describe, tmp_path)
-    del told[key]
-    (tmp_path / "run.json").write_text(json.dumps(told))
-    tells(refusal(describe, tmp_path), "document.value_missing", key)
+    del result[key]
+    (tmp_path / "run.json").write_text(json.dumps(result))
+    states(refusal(describe, tmp_path), "document.value_missing", key)
 
 
 @pytest.mark.parametrize("step_s", [1e308, 1e-300, 1e5, 0.0, float("nan")])

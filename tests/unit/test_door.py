@@ -29,8 +29,8 @@ def folder(tmp_path):
 
 def answer(program, folder, **environment):
     command = [sys.executable, "-c", program]
-    told = subprocess.check_output(command, cwd=folder, env=os.environ | environment, text=True)
-    return told.split()[-1]
+    completed = subprocess.check_output(command, cwd=folder, env=os.environ | environment, text=True)
+    return completed.split()[-1]
 
 
 def test_the_door_opens_beside_folders_named_as_the_rooms(folder):
@@ -59,13 +59,13 @@ def test_every_name_at_the_door_leads_somewhere():
 def test_the_reference_lists_the_names_at_the_door_and_what_its_functions_hand_back():
     listed = re.findall(r"^::: (\S+)$", (ROOT / "docs" / "reference.md").read_text("utf-8"), re.MULTILINE)
     at_door = {f"{home}.{name}" for name, home in toppling._HOMES.items()}
-    functions = [one for name in toppling.__all__ if isfunction(one := getattr(toppling, name))]
+    functions = [single for name in toppling.__all__ if isfunction(single := getattr(toppling, name))]
     words = {
         getattr(sys.modules[function.__module__], word, None)
         for function in functions
         for word in re.findall(r"\w+", str(function.__annotations__["return"]))
     }
-    handed_back = {f"{one.__module__}.{one.__name__}" for one in words if isclass(one)}
+    handed_back = {f"{entry.__module__}.{entry.__name__}" for entry in words if isclass(entry)}
     assert sorted(listed) == sorted(at_door | {name for name in handed_back if name.startswith("toppling.")})
 
 
@@ -94,10 +94,10 @@ def test_the_demo_runs_from_a_wheel(unpacked, tmp_path):
     program = "from toppling.orchestrator.cli import main; main()"
     command = [sys.executable, "-c", program, "demo", "--out", "demo", "--seconds", "1"]
     environment = os.environ | {"PYTHONPATH": str(unpacked), "PYTHONDONTWRITEBYTECODE": "1"}
-    told = subprocess.run(
+    completed = subprocess.run(
         command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=500, check=False
     )
-    assert told.returncode == 0, told.stderr[-2000:]
+    assert completed.returncode == 0, completed.stderr[-2000:]
     assert (tmp_path / "demo" / "scene" / "hints.toml").exists()  # as `toppling scan` leaves it
     assert (tmp_path / "demo" / "run" / "results.parquet").exists()
     assert list((tmp_path / "demo" / "fragility").rglob("*.png"))

@@ -62,7 +62,7 @@ def _text(target):
 
 
 def _table(target):
-    write_table(pa.table({"a": [0.1 * each for each in range(10_000)]}), target)
+    write_table(pa.table({"a": [0.1 * value for value in range(10_000)]}), target)
 
 
 @pytest.mark.parametrize("write", [_text, _table])
@@ -70,11 +70,11 @@ def test_a_file_that_grows_beyond_what_may_be_written_is_named_and_nothing_is_le
     target, most = tmp_path / "table", resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (4096, most[1]))  # Python ignores the signal
     try:
-        with pytest.raises(OSError, match=os.strerror(errno.EFBIG)) as told:
+        with pytest.raises(OSError, match=os.strerror(errno.EFBIG)) as raised:
             write(target)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, most)
-    assert (told.value.errno, told.value.filename) == (errno.EFBIG, str(target))
+    assert (raised.value.errno, raised.value.filename) == (errno.EFBIG, str(target))
     assert list(tmp_path.iterdir()) == []
 
 

@@ -73,15 +73,15 @@ def test_a_place_that_is_known_to_touch_is_closed_and_one_with_daylight_is_open(
 def test_a_rim_is_likelier_the_nearer_it_hangs_to_where_the_rock_is_known_to_touch():
     at_rim = [-1, -14, -27]
 
-    def told(rim_gap_m):
+    def effect(rim_gap_m):
         """By how much places that touch raise the likelihood of a rim."""
         touched = disc(rim_gap_m, touching=len(disc(0.0).places_m) + np.array(at_rim))
         flat = flat_log_likelihood(touched, RELIEF) - flat_log_likelihood(disc(rim_gap_m), RELIEF)
         drawn = draws(touched)[0].log_likelihood - draws(disc(rim_gap_m))[0].log_likelihood
         return np.array([flat, drawn])
 
-    assert np.all(told(0.0) > 0.0)
-    assert np.all(told(0.05) < 0.0)
+    assert np.all(effect(0.0) > 0.0)
+    assert np.all(effect(0.05) < 0.0)
 
 
 def test_no_base_is_drawn_on_which_the_rock_would_fall():

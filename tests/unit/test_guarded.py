@@ -51,8 +51,8 @@ def reads(tmp_path, monkeypatch):
 
 
 def test_what_is_read_comes_back_bit_for_bit_whatever_is_printed_meanwhile(reads):
-    told, (numbers, none, whole) = reads("good")
-    assert told == {"name": "file.dat"}
+    result, (numbers, none, whole) = reads("good")
+    assert result == {"name": "file.dat"}
     np.testing.assert_array_equal(numbers, np.arange(6.0).reshape(2, 3))
     assert none.shape == (0, 3)
     assert whole.dtype == np.int32

@@ -82,7 +82,7 @@ def offences(paths, forbidden):
 
 def within(*packages):
     """Whether a dotted name lies in one of some packages or modules."""
-    return lambda name: any(f"{name}.".startswith(f"{one}.") for one in packages)
+    return lambda name: any(f"{name}.".startswith(f"{package}.") for package in packages)
 
 
 @pytest.mark.parametrize("room", ROOMS)

@@ -61,7 +61,7 @@ def test_feet_on_two_facets_tip_about_their_own_places_though_cones_opened_to_ha
 
 def test_a_slab_on_a_wall_is_taken_off_it_by_what_undoes_its_weight_and_never_tips_into_it():
     foot, edge = np.array([-0.1, 0.0, -0.5]), np.array([0.15, 0.0, 0.55])
-    arms = np.array([each + np.array([0.0, y, 0.0]) for each in (foot, edge) for y in (-0.2, 0.2)])
+    arms = np.array([value + np.array([0.0, y, 0.0]) for value in (foot, edge) for y in (-0.2, 0.2)])
     normals = np.array([[0.0, 0.0, 1.0]] * 2 + [[-1.0, 0.0, 0.0]] * 2)
     assert tips_m_s2(arms, normals, 1.0, DOWN, push(0.0)) == pytest.approx(G * 0.1 / 0.5)
     assert tips_m_s2(arms, normals, 1.0, DOWN, push(180.0)) == math.inf
@@ -87,7 +87,7 @@ def test_a_block_on_an_incline_slides_at_the_angle_of_friction_and_tips_at_its_s
     slope = math.radians(slope_deg)
     (uphill, downhill) = scene.statics([0.0, 180.0])  # the ground's: downhill toward 0, the rock leans uphill
     for found, sign in ((uphill, 1.0), (downhill, -1.0)):
-        tips, slides = (G * math.tan(math.atan(each) + sign * slope) for each in (0.25, friction))
+        tips, slides = (G * math.tan(math.atan(value) + sign * slope) for value in (0.25, friction))
         assert found.tips_m_s2 == pytest.approx(tips, rel=1e-6)
         assert found.slides_m_s2 == pytest.approx(slides if slides < tips else math.inf, rel=1e-9)
     assert scene.tips_m_s2([0.0]) == scene.quasi_static_toppling_m_s2([0.0]) == [(0.0, uphill.tips_m_s2)]

@@ -56,7 +56,7 @@ def strips(profile, along):
     vertices = np.column_stack([np.repeat(profile, n, axis=0), np.tile(along, k)])[:, [0, 2, 1]]
     number = np.arange(k * n).reshape(k, n)
     a, b, c, d = (
-        each.ravel() for each in (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:])
+        grid.ravel() for grid in (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:])
     )
     faces = np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
     return Pedestal(np.zeros(3), UP, vertices, faces)
@@ -118,10 +118,10 @@ def test_no_clearance_lies_below_the_feets_hull_and_no_foot_below_the_clearance(
 def test_splitting_the_pedestals_triangles_leaves_the_feets_hull_as_it_is(seed, fold):
     rock, ground, faces = rough(seed, fold)
     finer = trimesh.remesh.subdivide(*trimesh.remesh.subdivide(ground, faces))
-    one, other = (
+    first, other = (
         ConvexHull(contact_feet_m(rock, Pedestal(np.zeros(3), UP, *mesh)))
         for mesh in ((ground, faces), finer)
     )
-    for hull, feet in ((one, other.points), (other, one.points)):
+    for hull, feet in ((first, other.points), (other, first.points)):
         below = hull.equations[hull.equations[:, 2] < -1e-6]
         assert (feet @ below[:, :3].T + below[:, 3]).max() < 1e-9

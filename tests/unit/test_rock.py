@@ -31,8 +31,8 @@ def test_a_sliver_of_three_vertices_in_line_keeps_the_mesh_closed():
     first, second, third = whole.faces[0]
     middle = len(whole.vertices_m)
     vertices = np.vstack([whole.vertices_m, whole.vertices_m[[first, second]].mean(axis=0)])
-    beside = [(first, middle, third), (middle, second, third), (first, second, middle)]
-    split = Rock.from_triangles(vertices, np.vstack([whole.faces[1:], beside]))
+    adjacent = [(first, middle, third), (middle, second, third), (first, second, middle)]
+    split = Rock.from_triangles(vertices, np.vstack([whole.faces[1:], adjacent]))
     assert len(split.faces) == len(whole.faces) + 2
     assert split.volume_m3 == pytest.approx(whole.volume_m3, rel=1e-12)
     np.testing.assert_allclose(split.inertia_per_mass_m2, whole.inertia_per_mass_m2, atol=1e-12)
@@ -93,7 +93,7 @@ def test_a_slope_toward_nowhere_is_refused(azimuth_deg):
 
 
 @pytest.mark.parametrize(
-    ("scale", "shift_m", "told"),
+    ("scale", "shift_m", "expected"),
     [
         (1.0, (127.0, -1.7, 3.0), "2 by 2 by 0 m lies +127 m east, -1.7 m north and +2.4 m up"),
         (1.0, (0.0, 0.0, -0.5), "-1.1 m up"),
@@ -101,10 +101,10 @@ def test_a_slope_toward_nowhere_is_refused(azimuth_deg):
         (1.0, (4e5, 4e6, 0.0), "+4e+05 m east, +4e+06 m north"),
     ],
 )
-def test_a_pedestal_that_is_elsewhere_is_refused_with_where_it_lies(scale, shift_m, told):
+def test_a_pedestal_that_is_elsewhere_is_refused_with_where_it_lies(scale, shift_m, expected):
     rock = box(0.2, 0.2, 0.6).moved(np.eye(3), (0.0, 0.0, 0.6))
     corners = scale * np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) + shift_m
-    with refused("rock.apart_from_pedestal", told, "0.0663 m", "0.4 by 0.4 by 1.2 m"):
+    with refused("rock.apart_from_pedestal", expected, "0.0663 m", "0.4 by 0.4 by 1.2 m"):
         Scene.from_mesh((rock.vertices_m, rock.faces), pedestal=(corners, np.array([[0, 1, 2], [0, 2, 3]])))
 
 

@@ -146,8 +146,8 @@ def test_feet_that_are_left_out_lie_within_the_tolerance_of_the_hull_of_those_th
     place = np.random.default_rng(1).uniform(-0.5, 0.5, (3000, 2))
     cap = np.column_stack([place, 1.0 - np.sqrt(1.0 - (place**2).sum(axis=1))])
     com = np.array([0.0, 0.0, 1.0])
-    kept = least_feet(cap, np.zeros((0, 3)), com, tolerance_m)
-    assert len(kept) < len(least_feet(cap, np.zeros((0, 3)), com, 0.0))
-    facets = ConvexHull(np.vstack([kept, com])).equations
+    remaining = least_feet(cap, np.zeros((0, 3)), com, tolerance_m)
+    assert len(remaining) < len(least_feet(cap, np.zeros((0, 3)), com, 0.0))
+    facets = ConvexHull(np.vstack([remaining, com])).equations
     below = facets[facets[:, 2] < -0.2]
     assert (cap @ below[:, :3].T + below[:, 3]).max() < 1.0001 * tolerance_m

@@ -133,9 +133,9 @@ def test_a_slope_takes_as_much_from_a_rolling_rock_as_an_acceleration_gives():
 def test_a_flat_base_is_left_as_it_is(sides):
     rock = Rock.from_triangles(*revolved([(0.3, 0.0), (0.35, 0.1), (0.3, 1.0)], sides))
     block = box(0.2, 0.2, 0.6)
-    for each in (rock, block):
-        assert rounded_base_of(each) is None
-        assert refined(each) is each
+    for entry in (rock, block):
+        assert rounded_base_of(entry) is None
+        assert refined(entry) is entry
 
 
 def test_a_rough_base_is_not_rounded():
@@ -158,7 +158,7 @@ def test_a_flat_base_with_a_rounded_border_topples_as_a_flat_one_of_that_width()
 @pytest.mark.thorough
 def test_triangles_that_are_refined_topple_nearer_to_the_smooth_cap():
     coarse = Rock.from_triangles(*round_cap(0.08))
-    both = [RoundedBase(each, rolls=False) for each in (coarse, refined(coarse))]
+    both = [RoundedBase(value, rolls=False) for value in (coarse, refined(coarse))]
     assert both[0].is_coarse
     assert both[1].change < 0.4 * both[0].change
 

@@ -64,24 +64,24 @@ def campaigns(tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize(("name", "said"), [("leans", TOLD), ("stands", None)])
-def test_a_run_keeps_and_says_by_how_much_its_rock_settles(campaigns, tmp_path, caplog, name, said):
+@pytest.mark.parametrize(("name", "stated"), [("leans", TOLD), ("stands", None)])
+def test_a_run_keeps_and_says_by_how_much_its_rock_settles(campaigns, tmp_path, caplog, name, stated):
     def refuse(_):
         raise KeyboardInterrupt
 
     cluster = type("Refuses", (), {"__enter__": refuse, "__exit__": lambda *_: None})()
     with pytest.raises(KeyboardInterrupt):
         run(plan_of(Campaign.read(campaigns / f"{name}.toml")), tmp_path / "run", cluster, lambda _: None)
-    assert describe(tmp_path / "run")["settling"]["sentence"] == said
+    assert describe(tmp_path / "run")["settling"]["sentence"] == stated
     assert open_run(tmp_path / "run").rock == name  # the scene's own name, which the run's copy has lost
     logged = [json.loads(line) for line in (tmp_path / "run" / "run.log").read_text().splitlines()]
     for events in ([entry["event"] for entry in logged], caplog.messages):
-        assert [event for event in events if "settles" in event] == ([said] if said else [])
+        assert [event for event in events if "settles" in event] == ([stated] if stated else [])
 
 
 @pytest.mark.parametrize(("tilt_deg", "notes"), [(0.0, 0), (0.3, 1), (2.0, 3)])
 def test_a_large_settling_says_what_topples_the_rock_where_it_comes_to_lie(tilt_deg, notes):
-    told = settling_notes(leaning(tilt_deg))
-    assert len(told) == notes
+    result = settling_notes(leaning(tilt_deg))
+    assert len(result) == notes
     if notes == 3:  # of the block that lies flat, by the closed form
-        assert f"topples it is {9.81 * 0.2 / 0.5:.3g} m/s2" in told[1]
+        assert f"topples it is {9.81 * 0.2 / 0.5:.3g} m/s2" in result[1]

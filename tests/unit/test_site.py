@@ -51,10 +51,10 @@ def column(page, name):
     for head in heads:
         lines = text[head.start() :].splitlines()
         rows = [line.strip("|").split("|") for line in takewhile(lambda line: line.startswith("|"), lines)]
-        place = next(place for place, told in enumerate(rows[0]) if told.strip().startswith(name))
+        place = next(place for place, entry in enumerate(rows[0]) if entry.strip().startswith(name))
         cells += [row[place] for row in rows[2:]]
     found = [re.search(r"-?[\d.]+", cell) for cell in cells]
-    return [abs(float(one.group())) for one in found if one and any(map(str.isdigit, one.group()))]
+    return [abs(float(entry.group())) for entry in found if entry and any(map(str.isdigit, entry.group()))]
 
 
 def stated(words):

@@ -40,8 +40,8 @@ def parameters(function):
 
 def may_take_many(function):
     """Verbs of the command line and of Python, and public constructors, have as many as there is to ask."""
-    made_by = [ast.unparse(each) for each in function.decorator_list]
-    verb = any(each.startswith("click.command") or ".command(" in each for each in made_by)
+    made_by = [ast.unparse(value) for value in function.decorator_list]
+    verb = any(entry.startswith("click.command") or ".command(" in entry for entry in made_by)
     constructor = "classmethod" in made_by and not function.name.startswith("_")
     return verb or constructor or function.name in CONSTRUCTORS or function.name in toppling.__all__
 

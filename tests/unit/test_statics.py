@@ -101,9 +101,9 @@ def test_a_chamfer_holds_the_rock_again_unless_the_energy_of_its_fall_carries_it
     # the far edge leaves the square of what the motion about both has in common (Housner 1963).
     force = np.hypot(G, lifts)
     fallen = force * np.hypot(*near) * (1 - np.cos(chamfer))
-    kept = (near @ arm + inertia) ** 2 / ((near @ near + inertia) * (arm @ arm + inertia))
+    remaining = (near @ arm + inertia) ** 2 / ((near @ near + inertia) * (arm @ arm + inertia))
     balance = np.arctan2(arm[0], -arm[1]) - np.arctan2(lifts, G) - chamfer
-    assert (fallen * kept < force * np.hypot(*arm) * (1 - np.cos(balance))) == holds
+    assert (fallen * remaining < force * np.hypot(*arm) * (1 - np.cos(balance))) == holds
     along = np.array([np.cos(chamfer), np.sin(chamfer)])
     normal = np.array([np.sin(chamfer), -np.cos(chamfer)])
     assert toppling(scene, 180) == pytest.approx(
@@ -236,8 +236,8 @@ def test_equilibrium_is_possible_exactly_where_forces_inside_the_friction_cones_
         acceleration = rng.normal(size=(25, 3)) * [4, 4, 5]
         corners = support_polygon_m(scene.rock, scene.pedestal)
         mu, normal = scene.contact.friction_static, scene.pedestal.normal
-        for one, holds in zip(acceleration, possible(scene, acceleration), strict=True):
-            weight = np.array([0, 0, -G]) - one
+        for single, holds in zip(acceleration, possible(scene, acceleration), strict=True):
+            weight = np.array([0, 0, -G]) - single
             # The pyramid lies inside the cone by a share 1.5e-4: skip the samples between the two.
             pressing = -weight @ normal
             if abs(np.linalg.norm(weight + pressing * normal) - mu * pressing) < 3e-4 * mu * pressing:
@@ -281,14 +281,14 @@ def test_another_friction_leaves_the_restitution_as_it_is():
 @pytest.mark.parametrize(
     ("given", "pair"),
     [*((pair, (0.8, 0.6)) for pair in ((0.8, 0.6), [0.8, 0.6], np.array([0.8, 0.6]))),
-     *((one, (1.0, 1.0)) for one in (1, 1.0, [1], np.float32(1.0), np.int64(1), np.array(1.0)))],
+     *((value, (1.0, 1.0)) for value in (1, 1.0, [1], np.float32(1.0), np.int64(1), np.array(1.0)))],
 )  # fmt: skip
 def test_friction_may_be_any_number_or_sequence_of_one_or_two(given, pair):
     assert ContactProperties.of(given) == ContactProperties(*pair)
 
 
 def test_one_direction_is_asked_as_a_list_of_one_is():
-    assert len({str(Scene.block(0.2, 0.3, 0.6).tips_m_s2(one)) for one in ("N40E", 50, [50.0])}) == 1
+    assert len({str(Scene.block(0.2, 0.3, 0.6).tips_m_s2(value)) for value in ("N40E", 50, [50.0])}) == 1
 
 
 def test_a_mesh_is_taken_as_a_pair_as_lists_or_as_a_trimesh_alike():

@@ -42,7 +42,7 @@ def tree(tmp_path):
     )
     (tmp_path / ".ci" / "passed.json").write_text(done.stdout)
     assert {name.removeprefix("tests/test_") for name in json.loads(done.stdout)} == {
-        f"{one}.py" for one in EVERY
+        f"{entry}.py" for entry in EVERY
     }
     return tmp_path
 

@@ -97,8 +97,8 @@ def free_rocking(alpha_deg, half_diagonal, share, preset, **settings):
     if not peaks:
         return time_error, np.nan, np.nan
     ratio, top = exact.impact_ratio(b, h), np.cos(alpha)
-    kept = np.sqrt((np.cos(alpha - peaks[0]) - top) / (np.cos(alpha * (1 - share)) - top))
-    return time_error, kept / ratio - 1, (1 - kept**2) / (1 - ratio**2) - 1
+    remaining = np.sqrt((np.cos(alpha - peaks[0]) - top) / (np.cos(alpha * (1 - share)) - top))
+    return time_error, remaining / ratio - 1, (1 - remaining**2) / (1 - ratio**2) - 1
 
 
 def small_swing_errors(share, preset, swings=8):
@@ -127,7 +127,7 @@ def rebound_error(alpha_deg, restitution, preset, share=0.5):
     scene, b, h = block(alpha_deg, 1.0, restitution=restitution)
     alpha, p = np.arctan2(b, h), exact.rocking_frequency(b, h)
     lands_s = exact.free_rocking_time_s(alpha, p, share)
-    way = let_go(scene, leaning(b, h, share * alpha), preset).trajectory
+    path = let_go(scene, leaning(b, h, share * alpha), preset).trajectory
     spin = -p * np.sqrt(2.0 * (np.cos(alpha * (1.0 - share)) - np.cos(alpha)))
     # Up: about its right corner before, about its left one after an impact that takes what it can.
     up = np.array([-b * spin, b * exact.impact_ratio(b, h) * spin])
@@ -138,12 +138,12 @@ def rebound_error(alpha_deg, restitution, preset, share=0.5):
     time_s = np.linspace(0.0, 0.2 * lands_s, 2001)[1:]
     above_m = h + up * time_s - 0.5 * G * time_s**2 - b * np.sin(-spin * time_s) - h * np.cos(spin * time_s)
     lands_again_s = time_s[np.argmax(np.append(above_m[:-1] <= 0.0, [True]))]
-    at = int(np.searchsorted(way.time_s, lands_s + 0.5 * lands_again_s))
-    flight_s = way.time_s[at] - lands_s
+    at = int(np.searchsorted(path.time_s, lands_s + 0.5 * lands_again_s))
+    flight_s = path.time_s[at] - lands_s
     rise_m = up * flight_s - 0.5 * G * flight_s**2
     return (
-        (lean(way)[at] - spin * flight_s) / alpha,
-        (way.position_m[at, 2] - h) / rise_m - 1.0,
+        (lean(path)[at] - spin * flight_s) / alpha,
+        (path.position_m[at, 2] - h) / rise_m - 1.0,
     )
 
 
@@ -414,9 +414,9 @@ def sliding_error(mesh, azimuth_deg, preset, friction=0.25, speed_m_s=1.0, **set
     scene = Scene.from_mesh(mesh, friction=friction)
     ahead = np.array([np.cos(np.deg2rad(azimuth_deg)), np.sin(np.deg2rad(azimuth_deg)), 0.0])
     start = {"velocity_m_s": speed_m_s * ahead}
-    way = shake(scene, STILL, preset, trajectory=True, shortcuts=False, initial=start, **settings).trajectory
+    path = shake(scene, STILL, preset, trajectory=True, shortcuts=False, initial=start, **settings).trajectory
     exact_m = speed_m_s**2 / (2.0 * friction * G)
-    return np.linalg.norm(way.position_m[-1] - way.position_m[0] - exact_m * ahead) / exact_m
+    return np.linalg.norm(path.position_m[-1] - path.position_m[0] - exact_m * ahead) / exact_m
 
 
 def plate(half_m, turned_deg=0.0):
@@ -439,9 +439,9 @@ def slip_of_samples(mu, slope, push, step, fine=200):
     relative = (a * np.cos(slope) + G * np.sin(slope)) - mu * (G * np.cos(slope) - a * np.sin(slope))
     dt = step / fine
     speed = np.concatenate([[0.0], np.cumsum(0.5 * dt * (relative[1:] + relative[:-1]))])
-    way = np.sum(0.5 * dt * (speed[1:] + speed[:-1]))
+    direction = np.sum(0.5 * dt * (speed[1:] + speed[:-1]))
     assert speed[-1] > 0
-    return way + 0.5 * speed[-1] ** 2 / (G * (mu * np.cos(slope) - np.sin(slope)))
+    return direction + 0.5 * speed[-1] ** 2 / (G * (mu * np.cos(slope) - np.sin(slope)))
 
 
 def wobble_error(radius, half_height, tilt_deg, preset, sides=512, turns=1.0, **settings):
@@ -536,13 +536,13 @@ def rolling_loss_error(sides, rate, preset):
     spin = np.array([0.0, rate, 0.0])
     landings = int(np.deg2rad(60.0) / (2 * half) + 1e-6)
     rolling = Motion(np.zeros((2, 3)), 1.2 * landings * 2 * half / rate)
-    way = let_go(scene, turning_about(scene, corner, spin), preset, rolling).trajectory
+    path = let_go(scene, turning_about(scene, corner, spin), preset, rolling).trajectory
     # The centre of mass moves on by one face's length a landing; look shortly after the last one.
-    seen = np.argmax(way.position_m[:, 0] - scene.rock.com_m[0] > (2 * landings + 0.2) * np.sin(half))
-    energy = energy_before(scene, way, seen)
+    seen = np.argmax(path.position_m[:, 0] - scene.rock.com_m[0] > (2 * landings + 0.2) * np.sin(half))
+    energy = energy_before(scene, path, seen)
     start = 0.5 * rate**2 * (1 + inertia)
-    kept = ((inertia + np.cos(2 * half)) / (inertia + 1)) ** (2 * landings)
-    return (start - energy) / (start * (1 - kept)) - 1
+    remaining = ((inertia + np.cos(2 * half)) / (inertia + 1)) ** (2 * landings)
+    return (start - energy) / (start * (1 - remaining)) - 1
 
 
 def rattling_energy(sides, azimuth_deg, preset):
@@ -561,8 +561,8 @@ def rattling_energy(sides, azimuth_deg, preset):
     barrier = G * (np.linalg.norm(arm) - arm[2])
     spin = axis * np.sqrt(2 * 0.5 * barrier / about_corner)
     still = Motion(np.zeros((2, 3)), 3.0 * np.sqrt(scene.rock.half_diagonal_m / G))
-    way = let_go(scene, turning_about(scene, corner, spin), preset, still).trajectory
-    return energy_before(scene, way, np.searchsorted(way.time_s, still.duration_s)) / barrier
+    path = let_go(scene, turning_about(scene, corner, spin), preset, still).trajectory
+    return energy_before(scene, path, np.searchsorted(path.time_s, still.duration_s)) / barrier
 
 
 def slipping_impulses(arms, inertia, velocity, friction, restitution):
@@ -618,9 +618,9 @@ def landing_error(half_sizes, turn, velocity, friction, restitution, preset):
         "quaternion_xyzw": turn.as_quat(),
         "velocity_m_s": np.array(velocity) - fall,
     }
-    way = let_go(scene, start, preset).trajectory
-    after = int(np.searchsorted(way.time_s, flight_s))
-    left = (way.position_m[after] - np.array([0.0, 0.0, -lowest])) / (way.time_s[after] - flight_s)
+    path = let_go(scene, start, preset).trajectory
+    after = int(np.searchsorted(path.time_s, flight_s))
+    left = (path.position_m[after] - np.array([0.0, 0.0, -lowest])) / (path.time_s[after] - flight_s)
     exact_along, along = law[0].sum(axis=0)[:2], left[:2] - velocity[:2]
     ratio = complex(*along) / complex(*exact_along)
     turned = np.angle(np.exp(1j * (law[1] - np.arctan2(velocity[1], velocity[0]))))

@@ -46,9 +46,9 @@ def looked_along(rock, ground, lists, poses, margins_m, out, keys, gaps_m, found
         found_in[k] = latest_pairs(lists).pose[0]
 
 
-def segments_apart_m(starts, ways):
+def segments_apart_m(starts, directions):
     """Distances (a, b) of two sets of segments, from many places on each of the first."""
-    (a, b), (u, v) = starts, ways
+    (a, b), (u, v) = starts, directions
     along = np.linspace(0.0, 1.0, 201)
     places = a[:, None, :] + along[None, :, None] * u[:, None, :]
     offset = places[:, :, None, :] - b

@@ -164,8 +164,8 @@ def test_a_pulse_slides_a_block_by_newmarks_slip(
 def test_a_slip_that_reverses_and_turns_is_newmarks(preset, across):
     # Friction against the slip at the end of a step alone is of first order: .3 to 2.6 % of the net slip.
     friction, time, fine_s = 0.3, np.arange(0.0, 4.0, 0.005), 2e-5
-    ways = np.column_stack([np.sin(8.2 * time + 1.0), across * np.sin(11.9 * time), 0.0 * time])
-    ground = 2.0 * friction * G * np.exp(-(((time - 2.0) / 0.8) ** 2))[:, None] * ways
+    directions = np.column_stack([np.sin(8.2 * time + 1.0), across * np.sin(11.9 * time), 0.0 * time])
+    ground = 2.0 * friction * G * np.exp(-(((time - 2.0) / 0.8) ** 2))[:, None] * directions
     slip_m = velocity = 0.0j
     for pushed in np.interp(np.arange(0.0, 5.0, fine_s), time, ground @ [-1.0, -1.0j, 0.0], right=0.0):
         velocity += fine_s * complex(pushed)
@@ -262,9 +262,9 @@ def test_a_plate_that_lands_as_it_slides_takes_kinetic_friction_in_its_impact(fa
     landing = np.sqrt(fall_m_s**2 + 2.0 * G * height)
     flight_s, left = (landing - fall_m_s) / G, forward - kinetic * landing
     start = {"position_m": (0.0, 0.0, 0.05 + height), "velocity_m_s": (forward, 0.0, -fall_m_s)}
-    way = case.let_go(Scene.block(1.0, 1.0, 0.05, friction=(0.8, kinetic)), start, preset).trajectory
+    path = case.let_go(Scene.block(1.0, 1.0, 0.05, friction=(0.8, kinetic)), start, preset).trajectory
     exact_m = forward * flight_s + left**2 / (2.0 * kinetic * G)
-    assert way.position_m[-1, 0] == pytest.approx(exact_m, rel=1e-3)
+    assert path.position_m[-1, 0] == pytest.approx(exact_m, rel=1e-3)
 
 
 @pytest.mark.parametrize("friction", [0.25, 0.3, 0.32, (0.38, 0.3), (0.35, 0.25)])

@@ -27,10 +27,10 @@ def state(mesh, acceleration, preset="standard", time_step=0.01, times=TIMES, fr
     """Horizontal up axis and place (k, 3 + 2) at times."""
     scene = Scene.from_mesh(mesh, friction=friction)
     result = shake(scene, Motion(acceleration, time_step), preset, trajectory=True, shortcuts=False)
-    way = result.trajectory
-    up = Rotation.from_quat(way.quaternion_xyzw).apply([0, 0, 1])
-    columns = np.column_stack([up[:, :2], way.position_m])
-    return np.column_stack([np.interp(times, way.time_s, column) for column in columns.T])
+    path = result.trajectory
+    up = Rotation.from_quat(path.quaternion_xyzw).apply([0, 0, 1])
+    columns = np.column_stack([up[:, :2], path.position_m])
+    return np.column_stack([np.interp(times, path.time_s, column) for column in columns.T])
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +89,7 @@ def test_a_slow_vertical_acceleration_is_another_gravity():
     time_step, b, h = 0.01, 0.2, 0.6
     start = case.leaning(b, h, 0.15)
     falling = Motion(np.tile([0, 0, -G / 2], (100, 1)), time_step)
-    ways = [
+    directions = [
         shake(scene, motion, trajectory=True, shortcuts=False, initial=start, time_step=0.001).trajectory
         for scene, motion in (
             (Scene.block(b, b, h, friction=5.0), falling),
@@ -97,7 +97,7 @@ def test_a_slow_vertical_acceleration_is_another_gravity():
         )
     ]
     times = np.linspace(0.05, 0.9, 10)
-    first, second = (np.interp(times, way.time_s, case.lean(way)) for way in ways)
+    first, second = (np.interp(times, entry.time_s, case.lean(entry)) for entry in directions)
     assert np.abs(first - second).max() < 2e-4
 
 
@@ -124,20 +124,20 @@ def test_a_body_free_of_torque_tumbles_as_eulers_equations_say(preset):
     spin = np.array([0.05, 8.0, 0.02])
     scene = Scene.block(*sides)
     start = {"position_m": (0, 0, 20.0), "angular_velocity_rad_s": spin}
-    way = shake(scene, case.STILL, preset, trajectory=True, shortcuts=False, initial=start).trajectory
+    path = shake(scene, case.STILL, preset, trajectory=True, shortcuts=False, initial=start).trajectory
 
     def euler(_, y):
         rate, turn = y[:3], y[3:].reshape(3, 3)
         return [*(-np.cross(rate, inertia * rate) / inertia), *np.cross(turn, rate).ravel()]
 
-    end = float(way.time_s[-1])
+    end = float(path.time_s[-1])
     start = [*spin, *np.eye(3).ravel()]
     exact = solve_ivp(euler, (0, end), start, rtol=1e-10, atol=1e-12, t_eval=[end]).y[3:, -1].reshape(3, 3)
-    off = (Rotation.from_quat(way.quaternion_xyzw[-1]) * Rotation.from_matrix(exact).inv()).magnitude()
+    off = (Rotation.from_quat(path.quaternion_xyzw[-1]) * Rotation.from_matrix(exact).inv()).magnitude()
     # The shake ends where a look finds the tilt past return, after 80 (reference) to 130 degrees of a turn; off by 7e-6
     # and 4e-5.
     assert off < 2e-4
-    assert np.linalg.norm(way.position_m[-1] - [0, 0, 20 - 0.5 * G * end**2]) < 2e-3
+    assert np.linalg.norm(path.position_m[-1] - [0, 0, 20 - 0.5 * G * end**2]) < 2e-3
 
 
 def landings(half_sizes, preset, *, on_a_corner):
@@ -189,9 +189,9 @@ def test_a_block_rebounds_from_any_fall_to_newtons_share_of_its_height(preset, r
     scene = Scene.block(*half, friction=0.8, restitution=restitution)
     for fall_m in np.array([1e-3, 5e-3, 0.02, 0.1, 0.3, 0.5]) * scene.rock.half_diagonal_m:
         start = {"position_m": (0.0, 0.0, half[2] + fall_m)}
-        way = case.let_go(scene, start, preset).trajectory
-        after = way.time_s > np.sqrt(2 * fall_m / G)
-        time, above = way.time_s[after], way.position_m[after, 2] - half[2]
+        path = case.let_go(scene, start, preset).trajectory
+        after = path.time_s > np.sqrt(2 * fall_m / G)
+        time, above = path.time_s[after], path.position_m[after, 2] - half[2]
         top = above.argmax()
         around = slice(top - 1, top + 2)  # between samples: the slowest rebound takes seven steps of `fast`
         rise = np.polyfit(time[around] - time[top], above[around], 2)
@@ -205,18 +205,18 @@ def test_energy_never_grows_in_free_rocking(alpha_deg):
     result = shake(
         scene, case.STILL, trajectory=True, shortcuts=False, initial=case.leaning(b, h, 0.8 * alpha)
     )
-    way, step = result.trajectory, result.time_step_s
+    path, step = result.trajectory, result.time_step_s
     # A step with a landing in it has two velocities.
-    whole = np.flatnonzero(abs(np.diff(way.time_s) - step) < 1e-9) + 1
-    swings = np.sign(case.lean(way))
+    whole = np.flatnonzero(abs(np.diff(path.time_s) - step) < 1e-9) + 1
+    swings = np.sign(case.lean(path))
     whole = whole[
         (whole > 1) & (swings[whole] == swings[whole - 1]) & (swings[whole - 1] == swings[whole - 2])
     ]
-    energy = np.array([case.energy_before(scene, way, sample) for sample in whole])
+    energy = np.array([case.energy_before(scene, path, sample) for sample in whole])
     barrier = G * 1.0 * (1.0 - np.cos(alpha))
     # The scheme keeps energy to the second order of the step: at most 3.3e-4 measured.
     assert (energy - np.minimum.accumulate(energy)).max() < 5e-4 * barrier
-    peaks = np.array(case.swing_peaks(case.lean(way)))
+    peaks = np.array(case.swing_peaks(case.lean(path)))
     peaks = peaks[peaks > 1e-4 * alpha]  # smaller ones lie between two samples
     assert len(peaks) > 2
     assert (np.diff(peaks) < 0).all()
@@ -240,8 +240,8 @@ def test_energy_never_grows_in_free_rocking(alpha_deg):
 def test_a_base_of_many_corners_rattles_to_the_same_energy_at_every_step(azimuth_deg, coarse, fine):
     # Ten and more corners land within a tenth of sqrt(R / g), several in one step of the coarse presets. Measured:
     # within 1.1e-3 of the barrier; steps that did not resolve each landing were 0.02 to 0.17 off.
-    kept = [case.rattling_energy(29, azimuth_deg, preset) for preset in (coarse, fine)]
-    assert kept[0] == pytest.approx(kept[1], abs=4e-3)
+    remaining = [case.rattling_energy(29, azimuth_deg, preset) for preset in (coarse, fine)]
+    assert remaining[0] == pytest.approx(remaining[1], abs=4e-3)
 
 
 JUST_LIFTING_HZ = np.concatenate([np.linspace(4.0, 6.0, 20), np.linspace(8.0, 10.0, 20)])
@@ -252,11 +252,11 @@ JUST_LIFTING_HZ = np.concatenate([np.linspace(4.0, 6.0, 20), np.linspace(8.0, 10
 def test_rocks_that_are_just_lifted_come_to_rest_no_sooner_than_with_short_steps(preset):
     # Which of them rock on is chance: falling flat, what is kept goes by the order in which the corners land.
     tilt, exact = (
-        np.array([case.largest_tilt_of_a_pentagon(frequency, one) for frequency in JUST_LIFTING_HZ])
-        for one in (preset, "reference")
+        np.array([case.largest_tilt_of_a_pentagon(frequency, value) for frequency in JUST_LIFTING_HZ])
+        for value in (preset, "reference")
     )
-    rests, should = (np.sum(one < 0.05) for one in (tilt, exact))
+    rests, should = (np.sum(value < 0.05) for value in (tilt, exact))
     assert abs(rests - should) < 2.5 * np.sqrt(rests + should)  # of the difference of two counts, 1.2 %
-    rocks, should = (np.log(one[one >= 0.05]) for one in (tilt, exact))
+    rocks, should = (np.log(entry[entry >= 0.05]) for entry in (tilt, exact))
     error = np.hypot(rocks.std() / np.sqrt(len(rocks)), should.std() / np.sqrt(len(should)))
     assert abs(rocks.mean() - should.mean()) < 2.5 * error

@@ -41,8 +41,8 @@ def newmarks_slip_m(motion, finer=20):
         limit = FRICTION * normal
         if speed == 0.0 and abs(driving) <= limit:
             continue
-        way = math.copysign(1.0, speed if speed != 0.0 else driving)
-        after = speed + step_s * (driving - way * limit)
+        sense = math.copysign(1.0, speed if speed != 0.0 else driving)
+        after = speed + step_s * (driving - sense * limit)
         after = 0.0 if speed * after < 0.0 else after
         slip_m += 0.5 * step_s * (speed + after)
         speed = after

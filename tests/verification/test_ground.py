@@ -39,7 +39,7 @@ HALF_WIDTH_M, HALF_HEIGHT_M = 0.2, 0.6
 
 def facets(left_deg, right_deg, reach_m=6.0):
     """Two facets that meet in the line x = 0, rising outward by so many degrees."""
-    left, right = (math.tan(math.radians(each)) * reach_m for each in (left_deg, right_deg))
+    left, right = (math.tan(math.radians(a)) * reach_m for a in (left_deg, right_deg))
     s = reach_m
     vertices = np.array([[-s, -s, left], [0, -s, 0], [s, -s, right], [-s, s, left], [0, s, 0], [s, s, right]])
     return vertices, np.array([[0, 1, 4], [0, 4, 3], [1, 2, 5], [1, 5, 4]])
@@ -117,8 +117,8 @@ def pulse(acceleration_m_s2, lasting_s, azimuth_deg=0.0, after_s=2.0):
     step = 0.001
     x = np.zeros(int((lasting_s + after_s) / step))
     x[1 : round(lasting_s / step) + 1] = acceleration_m_s2
-    way = math.radians(azimuth_deg)
-    return Motion(np.column_stack([x * math.cos(way), x * math.sin(way), 0.0 * x]), step)
+    rad = math.radians(azimuth_deg)
+    return Motion(np.column_stack([x * math.cos(rad), x * math.sin(rad), 0.0 * x]), step)
 
 
 STILL = Motion(np.zeros((2, 3)), 0.01)
@@ -126,8 +126,8 @@ STILL = Motion(np.zeros((2, 3)), 0.01)
 
 def cone_programme(scene, azimuth_deg):
     """Largest acceleration with an equilibrium of the rock where it rests."""
-    body, way = scene.grounded, math.radians(azimuth_deg)
-    push = -np.array([math.cos(way), math.sin(way), 0.0]) @ body.scene_from_support
+    body, rad = scene.grounded, math.radians(azimuth_deg)
+    push = -np.array([math.cos(rad), math.sin(rad), 0.0]) @ body.scene_from_support
     columns = body.wrenches(body.resting_pose)
     return linprog(
         np.append(np.zeros(columns.shape[1]), -1.0),
@@ -292,7 +292,7 @@ def peaks(angle_rad):
     sizes = np.abs(angle_rad)
     swing = np.cumsum(np.diff(np.sign(angle_rad), prepend=np.sign(angle_rad[0])) != 0)
     largest = [sizes[swing == k].max() for k in range(1, swing.max() + 1)]
-    return [each for each in largest if each > 0.02]
+    return [v for v in largest if v > 0.02]
 
 
 def test_a_stool_slides_over_a_shallow_groove_as_an_independent_contact_dynamics_says():
@@ -326,10 +326,10 @@ def test_a_surface_that_is_a_plane_gives_the_planes_answer():
     forced = as_surface(on_surface)
     for level in (4.0, 7.0, 10.0):
         motion = pulse(level, 0.2, azimuth_deg=25.0)
-        one, other = shake(forced, motion, "standard"), shake(on_plane, motion, "standard")
-        assert one.outcome == other.outcome
-        assert min(one.max_tilt_deg, 60.0) == pytest.approx(min(other.max_tilt_deg, 60.0), rel=0.02, abs=0.05)
-        assert one.slip_m == pytest.approx(other.slip_m, rel=0.05, abs=0.003) or one.toppled
+        mesh, flat = shake(forced, motion, "standard"), shake(on_plane, motion, "standard")
+        assert mesh.outcome == flat.outcome
+        assert min(mesh.max_tilt_deg, 60.0) == pytest.approx(min(flat.max_tilt_deg, 60.0), rel=0.02, abs=0.05)
+        assert mesh.slip_m == pytest.approx(flat.slip_m, rel=0.05, abs=0.003) or mesh.toppled
 
 
 def test_a_rounded_base_tips_on_a_surface_as_on_the_plane():
@@ -380,10 +380,10 @@ def test_a_scene_turned_with_its_motion_answers_the_same():
         (base.rock.vertices_m @ turn.T, base.rock.faces),
         pedestal=(surface.vertices_m @ turn.T, surface.faces),
     )
-    one = shake(base, pulse(3.5, 0.3, azimuth_deg=10.0), "fast")
+    single = shake(base, pulse(3.5, 0.3, azimuth_deg=10.0), "fast")
     other = shake(turned, pulse(3.5, 0.3, azimuth_deg=47.0), "fast")
-    assert other.outcome == one.outcome
-    assert other.max_tilt_deg == pytest.approx(one.max_tilt_deg, rel=0.01)
+    assert other.outcome == single.outcome
+    assert other.max_tilt_deg == pytest.approx(single.max_tilt_deg, rel=0.01)
 
 
 def test_a_rock_that_leans_on_a_wall_past_its_balance_is_left_leaning():
@@ -610,7 +610,7 @@ def test_a_slowly_growing_acceleration_topples_by_the_second_engine_where_the_co
     left, right, friction
 ):
     scene = block_on(left, right, friction)
-    (threshold,) = [each for _, each in scene.quasi_static_toppling_m_s2([0.0])]
+    (threshold,) = [v for _, v in scene.quasi_static_toppling_m_s2([0.0])]
     levels_m_s2 = threshold * np.array([0.0, 0.9, 1.1])
     toppled = topples_at_m_s2(scene, 0.0, [0.0, 4.0, 30.0], levels_m_s2, engine="mujoco")
     # Once past it a block of this size takes half a second to fall, while the ramp grows by .4 %.
@@ -622,7 +622,7 @@ def test_a_rock_that_falls_onto_an_outrigger_topples_where_it_leaves_its_base():
     ring = [(-0.1, 0.0), (0.1, 0.0), (0.1, 0.3), (0.3, 0.0425), (0.3, 0.5), (0.1, 1.2), (-0.1, 1.2)]
     rock = prism(ring, [(0, 1, 2), (0, 2, 6), (2, 5, 6), (2, 3, 4), (2, 4, 5)])
     scene = as_surface(Scene.from_mesh(rock, pedestal=strips([(-6.0, 0.0), (6.0, 0.0)]), friction=0.8))
-    (tipped,) = [each for _, each in scene.quasi_static_toppling_m_s2([180.0])]
+    (tipped,) = [v for _, v in scene.quasi_static_toppling_m_s2([180.0])]
     over_m = scene.rock.com_m - scene.rock.vertices_m.min(axis=0)
     assert tipped == pytest.approx(G * (0.2 - over_m[0]) / over_m[2], rel=0.005)
     # It leaves its base slowly, and topples two and a half seconds later: the ramp has grown by 3 %.
@@ -636,7 +636,7 @@ def test_a_rock_that_rolls_onto_the_facet_beside_its_base_topples_where_it_leave
     ring = [(-0.03, 0.0), (0.03, 0.0), (0.25, rise), (0.3, 1.0), (-0.3, 1.0), (-0.25, rise)]
     rock = prism(ring, [(0, 1, 2), (0, 2, 5), (2, 3, 4), (2, 4, 5)])
     scene = as_surface(Scene.from_mesh(rock, pedestal=strips([(-6.0, 0.0), (6.0, 0.0)]), friction=0.8))
-    (tips,) = [each for _, each in scene.tips_m_s2([180.0])]
+    (tips,) = [v for _, v in scene.tips_m_s2([180.0])]
     arm_m, up_m = np.array([0.25, rise]) - scene.rock.com_m[[0, 2]] + [0.0, scene.rock.vertices_m[:, 2].min()]
     assert tips == pytest.approx(G * math.tan(math.atan2(arm_m, -up_m) - math.radians(6.0)), rel=0.005)
     toppled = topples_at_m_s2(scene, 180.0, [0.0, 4.0, 40.0], tips * np.array([0.0, 0.3, 1.2]))
@@ -672,7 +672,7 @@ def test_an_arch_that_no_point_sees_whole_is_refused_by_the_second_engine():
 def test_a_rest_is_certain_only_under_loads_that_the_cones_hold(left, right):
     """Nine tenths of the friction count: on these the rock tips before it slides."""
     scene = block_on(left, right, 0.8)
-    (threshold,) = [each for _, each in scene.quasi_static_toppling_m_s2([0.0])]
+    (threshold,) = [v for _, v in scene.quasi_static_toppling_m_s2([0.0])]
     body = scene.grounded
     for share, held in ((0.5, True), (1.05, False), (2.0, False), (20.0, False)):
         loads = np.array([body.load_m_s2(), body.load_m_s2(np.array([share * threshold, 0.0, 0.0]))])
@@ -698,8 +698,8 @@ def test_a_flat_base_that_overhangs_a_cliff_tips_over_the_lip(lip_m, yaw_deg):
     """The lip is an edge below a face: it carries where the base's edges cross it, and not at the corners beyond."""
     turn = Rotation.from_euler("z", yaw_deg, degrees=True).as_matrix()
     scene = block(cliff(lip_m), 2.0, turn=turn)
-    for each in (scene, as_surface(scene)):
-        ((_, over_lip),) = each.quasi_static_toppling_m_s2([180.0])
+    for entry in (scene, as_surface(scene)):
+        ((_, over_lip),) = entry.quasi_static_toppling_m_s2([180.0])
         assert over_lip == pytest.approx(G * lip_m / HALF_HEIGHT_M, rel=0.005)
 
 
@@ -736,6 +736,6 @@ def test_a_block_rocks_about_a_cliffs_lip_as_about_an_edge_there():
     while high - low > 1e-3:
         middle = 0.5 * (low + high)
         low, high = (low, middle) if falls(middle) else (middle, high)
-    for each in (scene, as_surface(scene)):
+    for entry in (scene, as_surface(scene)):
         for share, topples in ((0.985, False), (1.015, True)):
-            assert shake(each, pulse(-share * high, lasting_s), "standard").toppled is topples
+            assert shake(entry, pulse(-share * high, lasting_s), "standard").toppled is topples

@@ -15,12 +15,12 @@ from toppling.workers.shaking import shake
 HEIGHT_M = 1.0
 OFFSETS = [0.0, *(sign * size for size in (1e-9, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3) for sign in (1.0, -1.0))]
 """Of the base's half width, by which the top's is larger."""
-ROUNDINGS = [pytest.param(each, marks=[] if abs(each) < 1e-8 else pytest.mark.thorough) for each in OFFSETS]
+ROUNDINGS = [pytest.param(o, marks=[] if abs(o) < 1e-8 else pytest.mark.thorough) for o in OFFSETS]
 
 
 def yawed(yaw_deg):
-    way = math.radians(yaw_deg)
-    return np.array([[math.cos(way), -math.sin(way), 0], [math.sin(way), math.cos(way), 0], [0, 0, 1]])
+    rad = math.radians(yaw_deg)
+    return np.array([[math.cos(rad), -math.sin(rad), 0], [math.sin(rad), math.cos(rad), 0], [0, 0, 1]])
 
 
 def mesa(half_x_m, half_y_m, reach_m=6.0):
@@ -51,9 +51,9 @@ MOTIONS = [pulse(4.0, 0.3), pulse(5.0, 0.3, 45.0), *(Motion(burst(k, 7.0), 0.01)
 
 @pytest.fixture(scope="module")
 def wide():
-    shakes = [shake(block_on_mesa(0.6, 0.6), each, "fast") for each in MOTIONS]
-    assert not any(each.toppled for each in shakes)
-    assert max(each.max_tilt_deg for each in shakes) > 2.5
+    shakes = [shake(block_on_mesa(0.6, 0.6), m, "fast") for m in MOTIONS]
+    assert not any(s.toppled for s in shakes)
+    assert max(s.max_tilt_deg for s in shakes) > 2.5
     return shakes
 
 
@@ -105,12 +105,12 @@ SLIDES = [
 def test_a_rock_slides_off_a_rim_as_on_the_whole_surface(margin_m):
     scene = slab_on(mesa(0.3 + margin_m, 0.3 + margin_m), 0.45)
     assert scene.ground.is_plane is (margin_m > 0.05)
-    found = [shake(scene, each, "fast") for each in SLIDES]
-    expected = [shake(as_surface(scene), each, "fast") for each in SLIDES]
-    assert [each.outcome for each in found] == [each.outcome for each in expected]
+    found = [shake(scene, s, "fast") for s in SLIDES]
+    expected = [shake(as_surface(scene), s, "fast") for s in SLIDES]
+    assert [e.outcome for e in found] == [e.outcome for e in expected]
     assert found[-1].toppled
-    for one, other in zip(found, expected, strict=True):
-        assert one.toppled or one.slip_m == pytest.approx(other.slip_m, rel=0.02)
+    for entry, other in zip(found, expected, strict=True):
+        assert entry.toppled or entry.slip_m == pytest.approx(other.slip_m, rel=0.02)
 
 
 @pytest.mark.parametrize(("height_m", "distance_m"), [(0.05, 0.15), (0.05, 0.3), (0.1, 0.2), (0.2, 0.3)])
@@ -140,7 +140,7 @@ def test_a_base_drawn_over_a_plane_meets_a_curb_and_a_rim_as_its_own_would():
         scene = slab_on(ground, half_height_m)
         for level, lasting_s in ((8.0, 0.3), (5.0, 0.2)):
             push = pulse(level, lasting_s, 0.0, 0.6)
-            drawn, own = (shake(each, push, "fast") for each in (on_drawn_base(scene), scene))
+            drawn, own = (shake(v, push, "fast") for v in (on_drawn_base(scene), scene))
             assert drawn.outcome == own.outcome
             assert own.toppled or drawn.slip_m == pytest.approx(own.slip_m, rel=0.05)
 
@@ -166,5 +166,5 @@ def test_exactly_parallel_feet_on_two_levels_agree_in_every_impact(step_m):
     levels = strips([(-6.0, 0.0), (-0.2, 0.0), (-0.2, -1.0), (0.2, -1.0), (0.2, step_m), (6.0, step_m)])
     scene = Scene.from_mesh(rock, pedestal=levels, friction=0.8)
     shakes = [shake(scene, Motion(burst(seed, 9.0, 6.0), 0.01), "fast") for seed in range(6)]
-    assert {"contacts_disagree"}.isdisjoint(each.ended_by for each in shakes)
-    assert max(each.max_tilt_deg for each in shakes) > 1.0
+    assert {"contacts_disagree"}.isdisjoint(s.ended_by for s in shakes)
+    assert max(s.max_tilt_deg for s in shakes) > 1.0

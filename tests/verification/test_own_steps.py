@@ -90,15 +90,15 @@ def test_the_engine_repeats_every_step_of_300_varied_jobs_to_rounding():
 @pytest.mark.thorough
 def test_looks_that_no_rule_calls_for_are_left_out_without_a_trace(monkeypatch):
     jobs = [job(number) for number in range(320, 340)]
-    few = [shake(*each, trajectory=True) for each in jobs]
+    few = [shake(*entry, trajectory=True) for entry in jobs]
     watch = Shaking._watch
     monkeypatch.setattr(Shaking, "_watch", lambda shaking: watch(shaking)._replace(until_s=-np.inf))
-    for each, result in zip(jobs, few, strict=True):
-        looked = shake(*each, trajectory=True)
+    for entry, result in zip(jobs, few, strict=True):
+        looked = shake(*entry, trajectory=True)
         np.testing.assert_array_equal(result.trajectory.position_m, looked.trajectory.position_m)
         rows = [
-            dataclasses.asdict(dataclasses.replace(one, trajectory=None, wall_s=0.0))
-            for one in (result, looked)
+            dataclasses.asdict(dataclasses.replace(value, trajectory=None, wall_s=0.0))
+            for value in (result, looked)
         ]
         assert rows[0] == rows[1]
 

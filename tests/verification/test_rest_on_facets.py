@@ -30,9 +30,9 @@ def burst(seed, peak_m_s2=6.0, lasting_s=2.0):
     time_s = np.arange(count) * STEP_S
     random = np.random.default_rng(seed)
     waves = [np.sin(2 * math.pi * (f * time_s + random.random())) for f in random.uniform(1.0, 4.0, 8)]
-    way = random.uniform(0.0, 2 * math.pi)
+    azimuth_rad = random.uniform(0.0, 2 * math.pi)
     along = peak_m_s2 * np.hanning(count) * sum(waves) / np.abs(sum(waves)).max()
-    return np.column_stack([along * math.cos(way), along * math.sin(way), 0.0 * along])
+    return np.column_stack([along * math.cos(azimuth_rad), along * math.sin(azimuth_rad), 0.0 * along])
 
 
 def turning(most_m_s2, lasting_s, turns):
@@ -51,15 +51,15 @@ def on_support(scene, pose):
 
 
 def poses(result):
-    way = result.trajectory
-    return np.asarray(way.time_s), np.hstack([way.position_m, way.quaternion_xyzw])
+    path = result.trajectory
+    return np.asarray(path.time_s), np.hstack([path.position_m, path.quaternion_xyzw])
 
 
 @pytest.mark.parametrize(("left", "right"), SURFACES)
 def test_a_rest_on_facets_that_is_skipped_is_the_one_that_is_stepped_through(left, right):
     scene, weak = block_on(left, right), turning(0.2, 8.0, 5.0)
     motion = Motion(np.vstack([burst(3), weak, burst(13, 4.0), weak]), STEP_S)
-    short, whole = (shake(scene, motion, "fast", shortcuts=each, trajectory=True) for each in (True, False))
+    short, whole = (shake(scene, motion, "fast", shortcuts=entry, trajectory=True) for entry in (True, False))
     assert short.max_tilt_deg > 0.5  # it has rocked
     assert whole.skipped_s == 0.0
     assert short.skipped_s > 12.0  # of two times eight
@@ -87,7 +87,7 @@ def test_a_rock_at_rest_is_left_alone_as_long_as_there_is_an_equilibrium(left, r
     first_s = []
     for friction in (scene.contact.friction_static, 1.01 * scene.contact.friction_static):
         columns = wrenches(near["arm_m"], near["normal"], friction)
-        loads = np.array([body.load_m_s2(each) for each in push])
+        loads = np.array([body.load_m_s2(value) for value in push])
         first_s.append(STEP_S * np.flatnonzero(~are_held(columns, loads, body.size_m))[0])
     assert first_s[0] - STEP_S < leaves_s < first_s[1] + 0.1
     assert result.skipped_s > 0.9 * leaves_s

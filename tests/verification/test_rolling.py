@@ -15,8 +15,8 @@ STILL = Motion(np.zeros((2400, 3)), 0.005)
 
 def tilted(scene, radius_m, tilt_deg, way_deg):
     """The start of a rock that stands tilted on a spherical base, its top toward an azimuth."""
-    tilt, way = math.radians(tilt_deg), math.radians(way_deg)
-    toward = np.array([math.cos(way), math.sin(way), 0.0])
+    tilt, azimuth_rad = math.radians(tilt_deg), math.radians(way_deg)
+    toward = np.array([math.cos(azimuth_rad), math.sin(azimuth_rad), 0.0])
     up = math.cos(tilt) * np.array([0.0, 0.0, 1.0]) + math.sin(tilt) * toward
     axis = np.array([-toward[1], toward[0], 0.0])
     height = radius_m - scene.rock.com_m[2]
@@ -26,10 +26,10 @@ def tilted(scene, radius_m, tilt_deg, way_deg):
 
 def swings_deg(trajectory, way_deg):
     """Tilt toward an azimuth, with its sign."""
-    way, q = math.radians(way_deg), np.asarray(trajectory.quaternion_xyzw)
+    path, q = math.radians(way_deg), np.asarray(trajectory.quaternion_xyzw)
     x, y, z, w = q.T
     up = 2.0 * np.column_stack([x * z + y * w, y * z - x * w])
-    return np.degrees(np.arcsin(up @ [math.cos(way), math.sin(way)]))
+    return np.degrees(np.arcsin(up @ [math.cos(path), math.sin(path)]))
 
 
 @pytest.mark.parametrize("edge_m", [0.08, 0.04, 0.02])

@@ -115,10 +115,10 @@ def test_contacts_over_an_edge_are_the_same_bits_whatever_was_found_before():
         turned = (Rotation.from_rotvec([0.0, angle, 0.0]) * Rotation.from_quat(ledge.pose[3:])).as_quat()
         shift = [0.25 * angle + rng.normal(0.0, 0.02), rng.normal(0.0, 0.02), 0.0]
         poses.append(ledge.touching(np.concatenate([ledge.pose[:3] + shift, turned])))
-    there, back = ([ledge.contacts(each, 1e-3).copy() for each in order] for order in (poses, poses[::-1]))
-    for one, other in zip(there, back[::-1], strict=True):
+    there, back = ([ledge.contacts(value, 1e-3).copy() for value in order] for order in (poses, poses[::-1]))
+    for single, other in zip(there, back[::-1], strict=True):
         for field in ("key", "gap_m", "normal", "place_m"):
-            assert np.array_equal(one[field], other[field])
+            assert np.array_equal(single[field], other[field])
 
 
 @pytest.mark.parametrize("edge_m", EDGES_M)

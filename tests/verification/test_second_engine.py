@@ -84,10 +84,10 @@ def test_a_rock_at_rest_is_skipped_and_goes_on_as_it_lay(slope_deg):
 
 
 @pytest.mark.parametrize(
-    ("contact", "told"), [({"restitution": 0.2}, "restitution"), ({"friction": (0.8, 0.6)}, "in slip")]
+    ("contact", "expected"), [({"restitution": 0.2}, "restitution"), ({"friction": (0.8, 0.6)}, "in slip")]
 )
-def test_what_it_cannot_do_is_refused_by_name(contact, told):
-    with refused("engine.contact_unknown", told):
+def test_what_it_cannot_do_is_refused_by_name(contact, expected):
+    with refused("engine.contact_unknown", expected):
         shake(Scene.block(0.2, 0.2, 0.6, **contact), Motion(np.full((9, 3), 0.5 * G), 0.01), **MUJOCO)
 
 
@@ -100,7 +100,7 @@ def test_a_hollow_spanned_by_two_triangles_is_as_deep_as_their_common_edge():
         for x in (-0.5, 0.5)
         for y in (-0.5, 0.5)
     }
-    low, right, high, left = (corner[each] for each in ((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)))
+    low, right, high, left = (corner[value] for value in ((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)))
     vertices = block.vertices_m.copy()
     vertices[[right, left], 2] += rise_m
     folded = contact_mesh(

@@ -17,7 +17,7 @@ from toppling.workers.shaking import shake
 
 def slips_m(scene, motion, preset):
     """With shortcuts, and without."""
-    ended, whole = (shake(scene, motion, preset, shortcuts=each) for each in (True, False))
+    ended, whole = (shake(scene, motion, preset, shortcuts=entry) for entry in (True, False))
     assert ended.outcome == whole.outcome
     return ended.slip_m, whole.slip_m
 
@@ -98,9 +98,9 @@ def test_a_slip_does_not_depend_on_the_triangles_of_the_rock():
     spin = {"velocity_m_s": (1.0, 0.2, 0.0), "angular_velocity_rad_s": (0.0, 0.0, 3.0)}
     slips_m = [
         shake(
-            as_surface(Scene.from_mesh(each, pedestal=facets(0, 0), friction=0.4)), STILL, initial=spin
+            as_surface(Scene.from_mesh(value, pedestal=facets(0, 0), friction=0.4)), STILL, initial=spin
         ).slip_m
-        for each in (mesh, finer)
+        for value in (mesh, finer)
     ]
     assert slips_m[0] > 0.1
     assert slips_m[1] == pytest.approx(

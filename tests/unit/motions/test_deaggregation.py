@@ -43,15 +43,15 @@ def nshmp(folder):
     return path
 
 
-@pytest.mark.parametrize(("columns", "shares"), [("mean", [1.0]), ("rlz1,rlz0", [1.75, 0.5])])
-def test_openquakes_bins_combine_to_the_probability_they_are_of(tmp_path, columns, shares):
+@pytest.mark.parametrize(("columns", "fractions"), [("mean", [1.0]), ("rlz1,rlz0", [1.75, 0.5])])
+def test_openquakes_bins_combine_to_the_probability_they_are_of(tmp_path, columns, fractions):
     rows = [
-        f"PGA,{iml},{poe},{place},{','.join(str(share * p * poe) for share in shares)}"
+        f"PGA,{iml},{poe},{place},{','.join(str(share * p * poe) for share in fractions)}"
         for iml, poe in (("0.3", 0.1), ("0.2", 0.2))
         for place, p in (("5.5,5.0", 0.4), ("5.5,15.0", 0.5), ("6.5,15.0", 0.2))
     ]
     read = read_deaggregation(written(tmp_path, openquake(rows, columns=f"mag,dist,{columns}")), poe=0.1)
-    total = -math.expm1(-math.fsum(one.contribution for one in read.bins))
+    total = -math.expm1(-math.fsum(bin_.contribution for bin_ in read.bins))
     assert total == pytest.approx(1.0 - 0.96 * 0.95 * 0.98)
     assert read.bins[0].magnitude == (5.0, 6.0)
     assert read.bins[1].distance_km == (10.0, 20.0)
@@ -62,14 +62,14 @@ def test_openquakes_bins_combine_to_the_probability_they_are_of(tmp_path, column
 def test_region_and_epsilon_are_summed_over(tmp_path, by):
     """Two parts of 10 % and 20 % are 28 %, as of independent events."""
     rows = [f"PGA,0.2,0.1,{part},5.5,5.0,{p}" for part, p in (("-1.0", 0.1), ("1.0", 0.2))]
-    (one,) = read_deaggregation(written(tmp_path, openquake(rows, columns=f"{by},mag,dist,mean"))).bins
-    assert one.contribution == pytest.approx(-math.log1p(-0.28))
+    (first,) = read_deaggregation(written(tmp_path, openquake(rows, columns=f"{by},mag,dist,mean"))).bins
+    assert first.contribution == pytest.approx(-math.log1p(-0.28))
 
 
 def test_nshmps_bins_are_centres_with_per_cent_of_the_total(tmp_path):
     bins = read_deaggregation(nshmp(tmp_path)).bins
     assert (bins[0].magnitude, bins[0].distance_km) == ((5.0, 5.2), (0.0, 20.0))
-    assert [one.contribution for one in bins] == [20.0, 30.0, 49.75, 0.25, 0.0]
+    assert [bin_.contribution for bin_ in bins] == [20.0, 30.0, 49.75, 0.25, 0.0]
 
 
 @pytest.mark.parametrize(
@@ -98,8 +98,8 @@ NAMES = "magnitude_low,magnitude_high,distance_low_km,distance_high_km,contribut
     ],
 )
 def test_a_table_states_the_edges_of_bins_and_parts_of_one_are_added_up(tmp_path, text):
-    one, two = read_deaggregation(written(tmp_path, text)).bins
-    assert (one.magnitude, one.distance_km, one.contribution) == ((5.0, 6.0), (0.0, 10.0), 30.0)
+    first, two = read_deaggregation(written(tmp_path, text)).bins
+    assert (first.magnitude, first.distance_km, first.contribution) == ((5.0, 6.0), (0.0, 10.0), 30.0)
     assert (two.magnitude, two.distance_km, two.contribution) == ((6.0, 7.0), (10.0, 20.0), 70.0)
 
 
@@ -194,8 +194,8 @@ def pulses(tmp_path_factory):
 def test_a_count_spreads_evenly_over_the_ranks_of_pulse_length_with_both_ends(pulses):
     ensemble, names = pulses
     for count in (2, 3, 5, 9, 50):
-        kept, _ = select(ensemble, Choice(count=count))
-        ranks = sorted(names.index(name) for name in kept)
+        selected, _ = select(ensemble, Choice(count=count))
+        ranks = sorted(names.index(name) for name in selected)
         assert (ranks[0], ranks[-1], len(ranks)) == (0, 8, min(count, 9))
         steps = [above - below for below, above in pairwise(ranks)]
         assert max(steps) - min(steps) <= 1

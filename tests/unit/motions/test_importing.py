@@ -90,8 +90,8 @@ def test_a_record_that_is_given_twice_is_kept_once_unless_folders_are_sites(name
     assert len(outcome.records) == 1
     left_out(outcome, "record.given_twice")
     outcome = imported(tmp_path, folders_apart=True)
-    assert [Path(one.files[0]).parent.name for one in outcome.records] == ["a", "b"]
-    assert len({one.record_id for one in outcome.records}) == 2
+    assert [Path(record.files[0]).parent.name for record in outcome.records] == ["a", "b"]
+    assert len({record.record_id for record in outcome.records}) == 2
     assert not outcome.refusals
 
 
@@ -248,7 +248,7 @@ def test_a_record_that_still_drifts_after_processing_is_told(tmp_path):
 
 def written(folder: Path, name: str, seed: int, *replacements: dict[str, str]) -> list[Path]:
     folder.mkdir()
-    changes = [pair for each in replacements for pair in each.items()]
+    changes = [pair for replacement in replacements for pair in replacement.items()]
     return edited(folder, name, *changes, motion=shaking(seed=seed))
 
 
@@ -334,9 +334,9 @@ def test_one_file_given_as_two_components_is_refused(sign, tmp_path):
     assert len(import_records(record_files([tmp_path]), options=ImportOptions(doubtful=True)).records) == 1
 
 
-@pytest.mark.parametrize(("step_factor", "told"), [(0.1, True), (1.0, False), (10.0, True)])
-def test_a_time_step_in_error_by_a_factor_of_ten_is_told_by_the_pulses_length(step_factor, told):
+@pytest.mark.parametrize(("step_factor", "expected"), [(0.1, True), (1.0, False), (10.0, True)])
+def test_a_time_step_in_error_by_a_factor_of_ten_is_told_by_the_pulses_length(step_factor, expected):
     a = 0.1 * shaking()
     pgv_m_s = np.abs(np.cumsum(a[:, 0]) * STEP_S).max()
     found = warnings_of({"pgv_pga_s": pgv_m_s * step_factor / np.abs(a[:, 0]).max()})
-    assert [("time step" in text) for text in found] == [True] * told
+    assert [("time step" in text) for text in found] == [True] * expected

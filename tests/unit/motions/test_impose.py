@@ -97,8 +97,8 @@ def test_the_octave_above_is_as_strong_as_asked_and_the_ones_below_stay(share):
     assert rms_between(drawn, CORNER_HZ, 2 * CORNER_HZ)[[0, 2]] == pytest.approx(
         share * below[[0, 2]], rel=0.1
     )
-    kept = rms_between(drawn, 0.0, 0.6 * CORNER_HZ)
-    assert kept == pytest.approx(rms_between(motion, 0.0, 0.6 * CORNER_HZ), rel=0.01)
+    remaining = rms_between(drawn, 0.0, 0.6 * CORNER_HZ)
+    assert remaining == pytest.approx(rms_between(motion, 0.0, 0.6 * CORNER_HZ), rel=0.01)
 
 
 def test_a_component_or_time_without_motion_gets_none():

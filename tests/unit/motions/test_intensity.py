@@ -44,9 +44,9 @@ def test_the_spectrum_of_a_short_period_is_that_of_the_ground_between_the_sample
     time = np.linspace(0.0, coarse.duration_s, 64 * (len(coarse.acceleration_m_s2) - 1) + 1)
     ground = np.column_stack([np.interp(time, coarse.time_s, axis) for axis in coarse.acceleration_m_s2.T])
     response = oscillator_response_m_s2(ground[:, :2], coarse.time_step_s / 64, period_s)
-    told = spectral_acceleration_m_s2(coarse, [period_s])
-    assert told["rotd100"][0] == pytest.approx(np.hypot(*response.T).max(), rel=3e-3)
-    assert told["x"][0] == pytest.approx(np.abs(response[:, 0]).max(), rel=3e-3)
+    out = spectral_acceleration_m_s2(coarse, [period_s])
+    assert out["rotd100"][0] == pytest.approx(np.hypot(*response.T).max(), rel=3e-3)
+    assert out["x"][0] == pytest.approx(np.abs(response[:, 0]).max(), rel=3e-3)
 
 
 def test_rotd_of_motion_along_one_line_is_the_cosine():
@@ -100,7 +100,7 @@ def test_measures_agree_with_eqsig_on_noise_that_may_begin_amidst_the_shaking(st
     acceleration += first_m_s2 * np.exp(-((time / 2.0) ** 2)) * np.cos(2 * np.pi * time)
     signal = eqsig.AccSignal(acceleration, step_s)
     periods = np.array([0.1, 0.3, 1.0, 2.0])
-    ours = np.array([np.abs(oscillator_response_m_s2(acceleration, step_s, one)).max() for one in periods])
+    ours = np.array([np.abs(oscillator_response_m_s2(acceleration, step_s, p)).max() for p in periods])
     theirs = eqsig.sdof.pseudo_response_spectra(acceleration, step_s, periods, 0.05)[2]
     # eqsig writes 2 pi with eight digits, and begins at rest: half a step of the first sample is an impulse
     impulse_m_s = 0.5 * abs(acceleration[0]) * step_s

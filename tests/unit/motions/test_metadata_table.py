@@ -2,7 +2,7 @@
 
 import pytest
 from motion_samples import WRITERS, imported, shaking, tabled
-from refusals import left_out, refused, tells
+from refusals import left_out, refused, states
 
 from toppling.models.motions.metadata import read_table
 
@@ -65,10 +65,10 @@ def written(folder, text):
     return folder / "table.csv"
 
 
-@pytest.mark.parametrize(("text", "said"), ENTRIES.values(), ids=ENTRIES)
-def test_a_row_states_what_its_cells_say_and_nothing_else(text, said, tmp_path):
+@pytest.mark.parametrize(("text", "stated"), ENTRIES.values(), ids=ENTRIES)
+def test_a_row_states_what_its_cells_say_and_nothing_else(text, stated, tmp_path):
     (entry,) = read_table(written(tmp_path, text))
-    assert {name: getattr(entry, name) for name in UNKNOWN | said} == UNKNOWN | said
+    assert {name: getattr(entry, name) for name in UNKNOWN | stated} == UNKNOWN | stated
 
 
 @pytest.mark.parametrize(("text", "code", "named"), [(t, c, n) for t, c, *n in REFUSED.values()], ids=REFUSED)
@@ -95,13 +95,13 @@ def test_a_table_none_of_whose_rows_names_a_file_is_refused_with_the_path_it_loo
         with_rows(tmp_path, "A,in/x090.AT2,in/x000.AT2,in/xUP.AT2", "B,in/y090.AT2,in/y000.AT2,in/yUP.AT2")
 
 
-@pytest.mark.parametrize("beside", ["", "in\\"])
+@pytest.mark.parametrize("adjacent", ["", "in\\"])
 def test_rows_that_name_no_file_given_are_counted_and_paths_of_windows_are_those_of_the_files(
-    beside, tmp_path
+    adjacent, tmp_path
 ):
-    folder = tmp_path / beside.rstrip("\\")
+    folder = tmp_path / adjacent.rstrip("\\")
     folder.mkdir(exist_ok=True)
-    names = ",".join(beside + path.name for path in WRITERS["peer"](folder, shaking()))
+    names = ",".join(adjacent + path.name for path in WRITERS["peer"](folder, shaking()))
     outcome = with_rows(tmp_path, f"A,{names}", "B,x,y,z", "C,x,y,z")
     assert [record.record_id for record in outcome.records] == ["A"]
     assert outcome.unused_rows == 2
@@ -116,7 +116,7 @@ def test_a_row_that_contradicts_the_headers_direction_is_refused(order, label, n
     paths[2].write_text(paths[2].read_text().replace("Station, UP", f"Station, {label}"))
     outcome = with_rows(tmp_path, ",".join(("A", *(paths[place].name for place in order))))
     assert not outcome.records
-    tells(str(outcome.refusals[0].reason), "metadata.direction_contradicted", named, "table.csv:2")
+    states(str(outcome.refusals[0].reason), "metadata.direction_contradicted", named, "table.csv:2")
 
 
 @pytest.mark.parametrize(

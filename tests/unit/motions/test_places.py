@@ -7,7 +7,7 @@ import obspy
 import pyarrow.parquet as pq
 import pytest
 from motion_samples import WRITERS, imported, shaking
-from refusals import left_out, tells
+from refusals import left_out, states
 
 from toppling.models.files.digest import write_table
 from toppling.models.motions.ensemble import CATALOG, MOTIONS, Ensemble
@@ -86,9 +86,9 @@ def test_kik_nets_channels_1_to_3_are_in_the_borehole_by_the_difference_of_heigh
     found = imported(kik_net(tmp_path))
     (record,), (refusal,) = found.records, found.refusals
     assert all(file.endswith("2") for file in record.files)
-    tells(str(refusal.reason), "record.not_free_field", "217.5 m below the surface", "--place any")
+    states(str(refusal.reason), "record.not_free_field", "217.5 m below the surface", "--place any")
     both = imported(tmp_path, place="any").records
-    assert {one.place for one in both} == {Place(217.5), FREE_FIELD}
+    assert {entry.place for entry in both} == {Place(217.5), FREE_FIELD}
     for path in tmp_path.glob("*2"):
         path.unlink()
     alone = imported(tmp_path)
@@ -141,9 +141,9 @@ STATED = [
 """What each format says of its sensor's place in its own way, and what is understood; None of the free field."""
 
 
-@pytest.mark.parametrize(("said", "what"), STATED)
-def test_a_place_that_a_header_states_is_left_out_unless_any_is_asked_for(said, what, tmp_path):
-    edited(tmp_path, *said)
+@pytest.mark.parametrize(("stated", "what"), STATED)
+def test_a_place_that_a_header_states_is_left_out_unless_any_is_asked_for(stated, what, tmp_path):
+    edited(tmp_path, *stated)
     left_out_at(imported(tmp_path), what)
     (record,) = imported(tmp_path, place="any").records
     assert record.north_known

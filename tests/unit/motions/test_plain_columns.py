@@ -85,12 +85,12 @@ SAID = {
 @st.composite
 def columns(draw):
     """The motion in columns, said in a way in which programs and people do."""
-    said = draw(st.sampled_from([*SAID]))
-    in_names = "{}" in said
-    units = UNITS | (FACTORS if said == "({})" else {})
-    units = {unit: one for unit, one in units.items() if "m/s" in unit or not said.startswith("in ")}
+    text = draw(st.sampled_from([*SAID]))
+    in_names = "{}" in text
+    units = UNITS | (FACTORS if text == "({})" else {})
+    units = {unit: entry for unit, entry in units.items() if "m/s" in unit or not text.startswith("in ")}
     unit = draw(st.sampled_from([*units]))
-    above, times, before = TIMES[draw(st.sampled_from([*TIMES] if in_names or SAID[said] else ["t"]))]
+    above, times, before = TIMES[draw(st.sampled_from([*TIMES] if in_names or SAID[text] else ["t"]))]
     # Where no time stands before it, a column N counts.
     names = draw(st.sampled_from(DIRECTIONS[not times :]))
     order = draw(st.permutations(range(3)))
@@ -100,9 +100,9 @@ def columns(draw):
     motion, named = A[:, order], [names[place] for place in order]
     if draw(st.booleans()) and in_names:
         motion, named = np.column_stack([motion, np.linalg.norm(motion, axis=1)]), [*named, "Resultant"]
-    heads = [[*times, *(f"{name} {said.format(unit)}" if in_names else name for name in named)]]
-    if not in_names and not SAID[said]:
-        heads.insert(said == "below", ["s", *[unit] * len(named)])
+    heads = [[*times, *(f"{name} {text.format(unit)}" if in_names else name for name in named)]]
+    if not in_names and not SAID[text]:
+        heads.insert(text == "below", ["s", *[unit] * len(named)])
     cells = [
         [*before(n), *(f"{x:.7f}".replace(".", sign) for x in row)]
         for n, row in enumerate(motion / units[unit])
@@ -110,7 +110,7 @@ def columns(draw):
     lines = [separator.join(f"{quote}{cell}{quote}" for cell in row) for row in (*heads, *cells)]
     if draw(st.booleans()):
         lines.insert(150, "# S waves")
-    return above + SAID[said].format(unit) + "\n".join(lines) + "\n"
+    return above + SAID[text].format(unit) + "\n".join(lines) + "\n"
 
 
 GLUED = 0.9 * A / np.abs(A).max()
@@ -224,8 +224,8 @@ def test_text_that_tells_of_another_quantity_is_told(tmp_path):
 def test_an_azimuth_of_the_table_counts_and_is_told_where_the_file_says_another(tmp_path):
     outcome = by_table(written(tmp_path, f"{NAMED}\n" + rows()), h1_azimuth="0", h2_azimuth="90")
     check_same(outcome, A[:, [1, 0, 2]])
-    told = [set(text.replace(",", "").split()) for _, text in outcome.warnings]
-    assert [words & {"ew", "ns", "0", "90"} for words in told] == [{"ew", "0", "90"}, {"ns", "0", "90"}]
+    result = [set(text.replace(",", "").split()) for _, text in outcome.warnings]
+    assert [words & {"ew", "ns", "0", "90"} for words in result] == [{"ew", "0", "90"}, {"ns", "0", "90"}]
 
 
 def test_numbers_that_fill_their_columns_are_parted_before_their_signs(tmp_path):

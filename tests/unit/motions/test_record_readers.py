@@ -8,7 +8,7 @@ import numpy as np
 import obspy
 import pytest
 from motion_samples import COUNT, STEP_S, WRITERS, edited, imported, only, sac, shaking
-from refusals import left_out, refused, tells
+from refusals import left_out, refused, states
 
 from toppling.models.motions.formats import read_file
 from toppling.models.motions.formats.component import bearing
@@ -150,7 +150,7 @@ def counts_of_cosmos(gain):
     def change(text):
         text = text.replace("units=g.     (02)", "units=counts(50)").replace(" g at ", " counts at ")
         lines = text.splitlines()
-        for start in [i for i, each in enumerate(lines) if "Real-header" in each]:
+        for start in [i for i, entry in enumerate(lines) if "Real-header" in entry]:
             for number, value in ((22, 1e6), (42, 1.0), (47, gain)):
                 at, place = start + 1 + (number - 1) // 6, 13 * ((number - 1) % 6)
                 assert lines[at][place : place + 13] == f"{-999:13.6f}"
@@ -245,7 +245,7 @@ def test_what_contradicts_itself_or_is_no_acceleration_is_refused_by_its_cause(
     edited(tmp_path, name, change)
     outcome = imported(tmp_path)
     assert not outcome.records
-    tells("\n".join(str(refusal.reason) for refusal in outcome.refusals), code, *named)
+    states("\n".join(str(refusal.reason) for refusal in outcome.refusals), code, *named)
 
 
 @pytest.mark.parametrize(
@@ -377,14 +377,14 @@ def decimal_commas(content):
     ("name", "change"),
     [
         *(
-            pytest.param(name, change, id=f"{name}, {way}")
+            pytest.param(name, change, id=f"{name}, {entry}")
             for name in sorted(READ)
-            for way, change in WAYS.items()
+            for entry, change in WAYS.items()
         ),
         *(
-            (name, WAYS[way])
+            (name, WAYS[value])
             for name in sorted(TEXT - READ)
-            for way in ("DOS' end of file", "UTF-16 of Windows")
+            for value in ("DOS' end of file", "UTF-16 of Windows")
         ),
         *((name, double_precision) for name in ("peer", "bhrc", "smc")),
         *((name, decimal_commas) for name in ("esm", "unam", "csmip_v1", "peer", "cwb")),
@@ -521,7 +521,7 @@ def test_pieces_that_do_not_fit_are_refused_as_gap_or_overlap(parts, change, cod
 
 @pytest.mark.parametrize("order", ["<", ">"])
 @pytest.mark.parametrize(
-    ("channels", "told"),
+    ("channels", "expected"),
     [
         ({"E": (90, 90), "N": (0, 90), "Z": (0, 0)}, 0),  # SAC's own: from the vertical
         ({"E": (90, 0), "N": (0, 0), "Z": (0, -90)}, 2),  # SEED's dip
@@ -529,7 +529,7 @@ def test_pieces_that_do_not_fit_are_refused_as_gap_or_overlap(parts, change, cod
         ({"E": (0, 0), "N": (0, 0), "Z": (0, 0)}, 2),  # never set
     ],
 )
-def test_the_channels_code_decides_where_sacs_inclination_contradicts_it(channels, told, order, tmp_path):
+def test_the_channels_code_decides_where_sacs_inclination_contradicts_it(channels, expected, order, tmp_path):
     for path in sac(tmp_path, shaking()):
         trace = obspy.read(str(path))[0]
         trace.stats.sac.cmpaz, trace.stats.sac.cmpinc = channels[trace.stats.channel[-1]]
@@ -539,7 +539,7 @@ def test_the_channels_code_decides_where_sacs_inclination_contradicts_it(channel
     )
     record = only(outcome)
     assert np.abs(record.motion.acceleration_m_s2 - shaking()).max() < 1e-6
-    assert sum("the code decides" in text for _, text in outcome.warnings) == told
+    assert sum("the code decides" in text for _, text in outcome.warnings) == expected
 
 
 def changed_sac(folder, change):
@@ -563,17 +563,17 @@ def test_samples_of_sac_that_are_not_finite_are_refused(bad, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("pga", "pgv", "unit", "told"),
+    ("pga", "pgv", "unit", "expected"),
     [
         (20.0, 2.0, None, ()), (36.0, 1.0, 9.80665, ("more than 3 g", "3.67 m/s2")),
         (267.0, 20.0, None, ("2.67 m/s2",)), (8.0, 4.5, None, ("more than 3 m/s",)),
         (1e9, 1e9, 1.0, ("1e+09 m/s2",)), (2e-4, 2e-5, None, ("0.0002 m/s2", "unit")),
     ],
 )  # fmt: skip
-def test_a_peak_beyond_nature_is_told_with_the_unit_that_would_explain_it(pga, pgv, unit, told):
+def test_a_peak_beyond_nature_is_told_with_the_unit_that_would_explain_it(pga, pgv, unit, expected):
     found = warnings_of({"pga_m_s2": pga, "pgv_m_s": pgv}, unit)
-    assert bool(found) is bool(told)
-    assert all(text in found[0] for text in told)
+    assert bool(found) is bool(expected)
+    assert all(text in found[0] for text in expected)
 
 
 KINEMETRICS = Path(obspy.__file__).parent / "io" / "kinemetrics" / "tests" / "data"
@@ -583,7 +583,7 @@ def test_an_episensors_file_says_its_unit_and_which_channel_is_vertical(tmp_path
     packed = KINEMETRICS / "STNA.20020722.044649.evt.gz"
     (tmp_path / "rec.evt").write_bytes(gzip.decompress(packed.read_bytes()))
     found = read_file(tmp_path / "rec.evt")
-    assert [(each.label, each.direction) for each in found] == [("X", None), ("Y", None), ("Z", "up")]
+    assert [(entry.label, entry.direction) for entry in found] == [("X", None), ("Y", None), ("Z", "up")]
     by_obspy = obspy.read(str(tmp_path / "rec.evt"), apply_calib=True)
-    for each, trace in zip(found, by_obspy, strict=True):  # which takes g to be 9.81
-        np.testing.assert_allclose(each.acceleration_m_s2, trace.data * 9.80665 / 9.81, rtol=1e-9)
+    for entry, trace in zip(found, by_obspy, strict=True):  # which takes g to be 9.81
+        np.testing.assert_allclose(entry.acceleration_m_s2, trace.data * 9.80665 / 9.81, rtol=1e-9)

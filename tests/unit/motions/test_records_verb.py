@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from motion_samples import STEP_S, WRITERS, shaking, tabled
 from obspy.core.event import Catalog, Event, EventDescription, Magnitude, Origin
 from obspy.core.inventory import Channel, Inventory, Network, Response, Station
-from refusals import tells
+from refusals import states
 
 from toppling.models.motions.ensemble import Ensemble
 from toppling.orchestrator.cli import cli
@@ -120,8 +120,8 @@ def test_peaks_of_the_table_scale_counts_of_one_instrument_and_no_others(tmp_pat
         intensity = record.intensity
         assert intensity["pga_h1_m_s2"] == pytest.approx(2.0, rel=0.01)
         assert intensity["pga_h2_m_s2"] == pytest.approx(4.0, rel=0.01)
-        (told,) = [step for step in record.history if "counts per m/s2" in step]
-        assert float(told.partition(" counts per")[0].split()[-1]) == pytest.approx(1000.0, rel=0.01)
+        (answer,) = [step for step in record.history if "counts per m/s2" in step]
+        assert float(answer.partition(" counts per")[0].split()[-1]) == pytest.approx(1000.0, rel=0.01)
     else:
         assert result.exception.code == "record.none_found"
 
@@ -189,7 +189,7 @@ class Service:
         networks = []
         for code in network.split(","):
             (found,) = inventory().select(**around).networks
-            chosen = [one for one in found if station is None or one.code in station.split(",")]
+            chosen = [entry for entry in found if station is None or entry.code in station.split(",")]
             networks.append(Network(code, chosen))
         return Inventory(networks, source="test")
 
@@ -234,7 +234,7 @@ def test_a_list_of_stations_and_a_window_do_without_an_event(service, tmp_path):
     ensemble = Ensemble.load(tmp_path / "e")
     # both stations of this server record the same shaking: the second is left out as its twin
     assert ensemble.record_ids == ["XX.NEAR.HN"] or ensemble.record_ids == ["XX.FAR.HN"]
-    tells(result.output, "record.given_twice")
+    states(result.output, "record.given_twice")
     assert ensemble.record(ensemble.record_ids[0]).magnitude is None
 
 
@@ -251,7 +251,7 @@ A_DAY = ("--start", "2019-07-06", "--end", "2019-07-07")
 )
 def test_what_the_service_does_not_have_is_said(service, arguments, code, named, tmp_path):
     result = fetched("--service", service, *arguments, "--out", tmp_path / "e")
-    tells(str(result.exception), code, named)
+    states(str(result.exception), code, named)
 
 
 def test_a_service_that_is_not_there_and_half_a_request_are_refused(tmp_path):

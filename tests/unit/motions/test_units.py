@@ -30,7 +30,7 @@ NO_MOTION = [
 def test_accelerations_are_known_however_they_are_written_and_velocities_and_all_else_are_none():
     assert {name: acceleration_m_s2(name) for name in ACCELERATIONS} == pytest.approx(ACCELERATIONS)
     assert {name: unit_of(name) for name in VELOCITIES} == {
-        name: Unit("velocity", one) for name, one in VELOCITIES.items()
+        name: Unit("velocity", velocity) for name, velocity in VELOCITIES.items()
     }
     assert [name for name in NO_MOTION if unit_of(name)] == []
     assert [name for name in VELOCITIES if acceleration_m_s2(name)] == []

@@ -28,7 +28,7 @@ class FakeCluster:
     waiting: deque = field(default_factory=deque)
     begun: Counter = field(default_factory=Counter)
     keys: set = field(default_factory=set)
-    told: list = field(default_factory=list)
+    requests: list = field(default_factory=list)
 
     def __post_init__(self):
         self.places = {job: place for place, job in enumerate(self.table["job_id"].to_pylist())}
@@ -76,16 +76,16 @@ class FakeCluster:
         return self.workers
 
     def dismiss(self, worker):
-        self.told.append(("dismiss", worker))
+        self.requests.append(("dismiss", worker))
         self.workers -= 1
 
     def deliver(self, lacking, run_keys):
-        self.told.append(("deliver", lacking.host))
+        self.requests.append(("deliver", lacking.host))
         return "the disk is full" if self.full_hosts else ""
 
     def rejoin(self, run_keys, error):
-        self.told.append(("rejoin", str(error)))
+        self.requests.append(("rejoin", str(error)))
 
     def cancel(self):
-        self.told.append(("cancel", len(self.waiting)))
+        self.requests.append(("cancel", len(self.waiting)))
         self.waiting.clear()

@@ -60,9 +60,9 @@ def test_what_a_disk_or_a_limit_refuses_is_told_as_that_at_once(number, path, cl
         raise refused
 
     monkeypatch.setattr(dask_cluster, "check_workers", ask)
-    with pytest.raises(OSError, match=os.strerror(number)) as told:
+    with pytest.raises(OSError, match=os.strerror(number)) as raised:
         dask_cluster.make_ready(client)
-    assert told.value is refused
+    assert raised.value is refused
 
 
 @pytest.mark.parametrize(
@@ -129,19 +129,19 @@ def test_a_minute_without_workers_is_told_once_with_the_address_and_the_remedy(c
     monkeypatch.setattr(dask_cluster.time, "monotonic", lambda: now[0])
     supervisor = dask_cluster.DaskCluster(client)
 
-    def said(at_s):
+    def log_at(at_s):
         now[0] = at_s
         caplog.clear()
         supervisor.look(0.0, 0)
         return caplog.text
 
-    assert said(59.0) == ""
-    told = said(60.0)
-    assert "tcp://node1:8786" in told
-    assert ("dask worker tcp://node1:8786" in told) == (cluster is None)
-    assert said(300.0) == ""
+    assert log_at(59.0) == ""
+    result = log_at(60.0)
+    assert "tcp://node1:8786" in result
+    assert ("dask worker tcp://node1:8786" in result) == (cluster is None)
+    assert log_at(300.0) == ""
     workers["tcp://node2:1"] = 1
-    assert said(301.0) == ""
+    assert log_at(301.0) == ""
     workers.clear()
-    assert said(330.0) == ""
-    assert "no worker" in said(361.0)
+    assert log_at(330.0) == ""
+    assert "no worker" in log_at(361.0)

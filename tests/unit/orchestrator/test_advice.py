@@ -46,7 +46,7 @@ SLENDER, SOUND = Scene.block(0.02, 0.2, 0.6), [2, 4, 8]
 
 
 @pytest.mark.parametrize(
-    ("levels", "asked", "told"),
+    ("levels", "asked", "want"),
     [
         (SOUND, {}, None),
         ("recorded", {}, None),
@@ -65,9 +65,9 @@ SLENDER, SOUND = Scene.block(0.02, 0.2, 0.6), [2, 4, 8]
         (SOUND, {"scene": UNSEEN, "first_realisation": 3}, None),
     ],
 )
-def test_each_slip_is_told_once_and_a_sound_campaign_is_warned_of_nothing(levels, asked, told):
+def test_each_slip_is_told_once_and_a_sound_campaign_is_warned_of_nothing(levels, asked, want):
     found = warned(levels, **asked)
-    assert [told in sentence for sentence in found] == [True] * (told is not None)
+    assert [want in sentence for sentence in found] == [True] * (want is not None)
 
 
 @pytest.fixture
@@ -82,17 +82,17 @@ def shaken(ensemble, levels, **more):
 
 
 def test_shaking_beyond_nature_is_told_with_factor_velocity_and_displacement(weak):
-    (told,) = shaken(weak, [4.0, 60.0], records=["strong"])
-    assert told.startswith("50 % of the jobs shake beyond what was ever recorded")
+    (out,) = shaken(weak, [4.0, 60.0], records=["strong"])
+    assert out.startswith("50 % of the jobs shake beyond what was ever recorded")
     own = weak.record("strong").intensity
     pgv_m_s, pgd_m = (own[name] * 60.0 / own["pga_m_s2"] for name in ("pgv_m_s", "pgd_m"))
-    assert f"strong ({60.0 / own['pga_m_s2']:.0f}-fold, PGV {pgv_m_s:.1f} m/s, PGD {pgd_m:.1f} m)" in told
-    assert "at 60 m/s2" in told
+    assert f"strong ({60.0 / own['pga_m_s2']:.0f}-fold, PGV {pgv_m_s:.1f} m/s, PGD {pgd_m:.1f} m)" in out
+    assert "at 60 m/s2" in out
     assert shaken(weak, [4.0], records=["strong"]) == shaken(weak, "recorded") == []
 
 
 @pytest.mark.parametrize(
-    ("shares", "told"),
+    ("parts", "want"),
     [
         ([(1, 100, 0), (3, 100, 20), (5, 100, 50), (7, 100, 80), (9, 100, 100)], []), ([], []), ([(1.0, 0, 0)], []),
         ([(13.0, 78, 7), (9.0, 78, 0)], ["add levels above 13 m/s2"]),
@@ -100,16 +100,16 @@ def test_shaking_beyond_nature_is_told_with_factor_velocity_and_displacement(wea
         ([(1, 50, 0), (3, 50, 1), (6, 50, 49), (9, 50, 50)], ["add levels between 3 and 6 m/s2"]),
     ],
 )  # fmt: skip
-def test_levels_are_asked_for_where_the_rise_was_not_seen(shares, told):
-    assert [said.rpartition(": ")[2] for said in suggestions([LevelCount(*each) for each in shares])] == told
+def test_levels_are_asked_for_where_the_rise_was_not_seen(parts, want):
+    assert [s.rpartition(": ")[2] for s in suggestions([LevelCount(*s) for s in parts])] == want
 
 
 @given(st.lists(st.tuples(st.integers(1, 50), st.floats(0, 1)), min_size=1, max_size=12))
 def test_every_share_is_advised_without_a_fault_and_ends_are_asked_for_exactly_where_they_are_open(drawn):
-    shares = [LevelCount(float(n + 1), jobs, round(jobs * part)) for n, (jobs, part) in enumerate(drawn)]
-    told = suggestions(shares)
-    assert any("levels above" in sentence for sentence in told) == (shares[-1].fraction < MOSTLY_FRACTION)
-    assert any("levels below" in sentence for sentence in told) == (shares[0].fraction > HARDLY_FRACTION)
+    parts = [LevelCount(float(n + 1), jobs, round(jobs * part)) for n, (jobs, part) in enumerate(drawn)]
+    out = suggestions(parts)
+    assert any("levels above" in sentence for sentence in out) == (parts[-1].fraction < MOSTLY_FRACTION)
+    assert any("levels below" in sentence for sentence in out) == (parts[0].fraction > HARDLY_FRACTION)
 
 
 @pytest.mark.parametrize(
@@ -120,8 +120,8 @@ def test_every_share_is_advised_without_a_fault_and_ends_are_asked_for_exactly_w
     ],
 )  # fmt: skip
 def test_records_that_are_scaled_more_than_a_hundredfold_are_named(weak, levels, records, named):
-    told = " ".join(shaken(weak, levels, **records))
-    assert {name for name in ("strong", "weak", "fair") if f"{name} (" in told} == named
+    out = " ".join(shaken(weak, levels, **records))
+    assert {name for name in ("strong", "weak", "fair") if f"{name} (" in out} == named
 
 
 @pytest.fixture(scope="module")

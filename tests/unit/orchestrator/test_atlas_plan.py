@@ -100,22 +100,22 @@ def test_a_batch_is_of_one_rock_to_the_last():
 def test_the_table_in_a_run_reads_back_as_it_was(campaign, tmp_path):
     (tmp_path / "sites.csv").write_text("# toppling-sha256:0\n" + sites_text(campaign.sites))
     read = read_sites(tmp_path / "sites.csv")
-    told = [[one.rock, one.site, one.longitude, one.latitude, one.age, one.friction] for one in read]
-    assert told[0] == ["block0", "A", -117.5, 34.25, "15000..30000", None]
-    assert [one.rock for one in read] == [one.rock for one in campaign.sites]
-    assert told[1][5] == 0.7
+    out = [[e.rock, e.site, e.longitude, e.latitude, e.age, e.friction] for e in read]
+    assert out[0] == ["block0", "A", -117.5, 34.25, "15000..30000", None]
+    assert [e.rock for e in read] == [s.rock for s in campaign.sites]
+    assert out[1][5] == 0.7
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "want"),
     [
         ({"scene": "scenes/block0"}, "campaign.key_not_of_many"), ({"precision": 0.1}, "campaign.key_not_of_many"),
         ({"scenes": ["nothing/*"]}, "rocks.no_scene"), ({"ensemble": None}, "campaign.key_missing"),
     ],
 )  # fmt: skip
-def test_what_does_not_suit_many_rocks_is_refused(folder, change, told):
+def test_what_does_not_suit_many_rocks_is_refused(folder, change, want):
     content = {"scenes": ["scenes/*"], "sites": "sites.csv", "ensemble": "quakes", **AXES, **change}
-    with refused(told):
+    with refused(want):
         Campaign.of({key: value for key, value in content.items() if value is not None}, folder)
 
 
@@ -131,7 +131,7 @@ def test_a_scene_that_cannot_be_read_is_left_out_and_told(folder, tmp_path):
     (tmp_path / "broken" / "rock.ply").write_bytes(b"ply\n")
     content = {"scenes": [str(folder / "scenes" / "*"), "broken"], "ensemble": str(folder / "quakes"), **AXES}
     planned = plan_of(Campaign.of(content, tmp_path))
-    assert [one.rock for one in planned.scenes] == ["block0", "block1", "block2"]
+    assert [s.rock for s in planned.scenes] == ["block0", "block1", "block2"]
     (left_out,) = planned.left_out
     assert left_out[0] == "broken"
     assert "rock.ply" in left_out[1]
@@ -205,9 +205,7 @@ REFUSED = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("code", "text"), [(code, each) for code, all_of in REFUSED.items() for each in all_of]
-)
+@pytest.mark.parametrize(("code", "text"), [(code, v) for code, all_of in REFUSED.items() for v in all_of])
 def test_what_a_table_cannot_mean_is_refused_by_place(code, text, tmp_path):
     """A wrong cell by its rock and its column."""
     (tmp_path / "own").mkdir()

@@ -31,11 +31,11 @@ def test_folders_are_relative_to_the_file(tmp_path):
     assert (read.scene, read.ensemble) == (tmp_path / "a/b", tmp_path / "../e")
 
 
-def read_again(one, folder, **said):
+def read_again(value, folder, **stated):
     """A campaign as a run's folder has it, beside its own scene and ensemble."""
-    again = Campaign.of(tomllib.loads(one.to_toml(**said)), folder)
+    again = Campaign.of(tomllib.loads(value.to_toml(**stated)), folder)
     assert (again.scene, again.ensemble) == (folder / "scene", folder / "ensemble")
-    return dataclasses.replace(again, scene=one.scene, ensemble=one.ensemble)
+    return dataclasses.replace(again, scene=value.scene, ensemble=value.ensemble)
 
 
 @pytest.mark.parametrize(("mark", "ends"), [("\ufeff", "\n"), ("\ufeff", "\r\n"), ("", "\r\n")])
@@ -55,8 +55,8 @@ def test_values_are_read_in_each_of_their_spellings(monkeypatch):
     assert campaign().pga_m_s2 == tuple(float(level) for level in range(1, 20))  # a range with its stop
     assert campaign(pga_m_s2={"start": 0.1, "stop": 0.3, "step": 0.1}).pga_m_s2 == (0.1, 0.2, 0.3)
     assert campaign().friction == ((1.0, 1.0), (0.8, 0.6))
-    one = campaign(pga_m_s2=5, azimuth_deg=90, friction=0.8)
-    assert one == campaign(pga_m_s2=[5], azimuth_deg=[90], friction=[0.8])
+    single = campaign(pga_m_s2=5, azimuth_deg=90, friction=0.8)
+    assert single == campaign(pga_m_s2=[5], azimuth_deg=[90], friction=[0.8])
 
 
 numbers = st.floats(0.01, 99, allow_nan=False)
@@ -76,8 +76,8 @@ def test_what_is_written_reads_back_as_the_same_campaign(levels, azimuths, frict
     content = dict(GOOD, pga_m_s2=levels, azimuth_deg=azimuths, friction=friction, realisations=realisations)
     if records is not None:
         content["records"] = records
-    one = Campaign.of(content, Path())
-    assert read_again(one, Path()) == one
+    single = Campaign.of(content, Path())
+    assert read_again(single, Path()) == single
 
 
 DRAWN = {"friction": [0.5, 1.0], "restitution": [0.0, 0.3], "yaw_deg": 5.0, "either_sense": True}
@@ -120,7 +120,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize(
-    ("code", "change"), [(code, each) for code, all_of in REFUSED.items() for each in all_of]
+    ("code", "change"), [(code, value) for code, all_of in REFUSED.items() for value in all_of]
 )
 def test_a_wrong_value_is_refused_with_its_place(code, change):
     with refused(code) as error:
@@ -138,7 +138,7 @@ TARGETS = [
 
 
 @pytest.mark.parametrize(
-    "said",
+    "stated",
     [
         *({"precision": 0.05, "target": target} for target in TARGETS),
         *(
@@ -147,10 +147,10 @@ TARGETS = [
         ),
     ],
 )
-def test_what_is_asked_for_and_what_realisations_draw_is_written_as_it_is_read(said):
-    one = campaign(**said)
-    assert read_again(one, Path("here"), hazard="a.csv" if "a.csv" in str(said) else None) == one
-    assert bool(one.pga_m_s2) is ("pga_m_s2" not in said)
+def test_what_is_asked_for_and_what_realisations_draw_is_written_as_it_is_read(stated):
+    single = campaign(**stated)
+    assert read_again(single, Path("here"), hazard="a.csv" if "a.csv" in str(stated) else None) == single
+    assert bool(single.pga_m_s2) is ("pga_m_s2" not in stated)
 
 
 @pytest.mark.parametrize("missing", sorted(GOOD))

@@ -32,8 +32,8 @@ assert not [name for name in sys.modules if name.startswith("toppling.orchestrat
 
 
 def test_the_list_of_verbs_imports_none():
-    told = subprocess.run([sys.executable, "-c", LISTS], capture_output=True, text=True, check=True).stdout
-    assert all(line in " ".join(told.split()) for line in map(first_line, VERBS))
+    done = subprocess.run([sys.executable, "-c", LISTS], capture_output=True, text=True, check=True).stdout
+    assert all(line in " ".join(done.split()) for line in map(first_line, VERBS))
 
 
 RUN = ["run", "c.toml", "--out", "run"]
@@ -56,7 +56,7 @@ def test_wrong_usage_ends_with_code_2_and_names_the_option(words, tmp_path, monk
 
 
 @pytest.mark.parametrize(
-    ("error", "told"),
+    ("error", "want"),
     [
         (OSError("Corrupt data page"), "toppling: Corrupt data page"),
         *((error, "toppling: too little memory is left: ") for error in (
@@ -71,7 +71,7 @@ def test_wrong_usage_ends_with_code_2_and_names_the_option(words, tmp_path, monk
         (ValueError("A dask config file at '/etc/dask/x.yaml' is malformed"), "correct the file"),
     ],
 )  # fmt: skip
-def test_what_the_system_or_its_settings_lack_is_told_without_a_traceback(error, told, monkeypatch, capsys):
+def test_what_the_system_or_its_settings_lack_is_told_without_a_traceback(error, want, monkeypatch, capsys):
     def fails(**_: str) -> None:
         raise error
 
@@ -79,7 +79,7 @@ def test_what_the_system_or_its_settings_lack_is_told_without_a_traceback(error,
     with pytest.raises(SystemExit) as stop:
         command.call()
     assert stop.value.code == 1
-    assert told in capsys.readouterr().err
+    assert want in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("address", ["gateway://first", "gateway://", "tcp://node1:8786", "tls://node1:8786"])

@@ -60,15 +60,15 @@ def answers_of_scene(run):
         scene.rock.vertices_m, scene.rock.faces, pedestal.point_m, pedestal.normal, pedestal.vertices_m,
         pedestal.faces, scene.origin_m,
     )  # fmt: skip
-    told = (scene.contact, scene.gravity_m_s2, scene.report, open_run(run).scene().to_pylist())
-    return *(array.tobytes() for array in arrays), repr(told)
+    result = (scene.contact, scene.gravity_m_s2, scene.report, open_run(run).scene().to_pylist())
+    return *(array.tobytes() for array in arrays), repr(result)
 
 
 def answers_of_ensemble(run):
     ensemble = Ensemble.load(run / "ensemble")
     motions = [ensemble.record(name).motion for name in ensemble.record_ids]
-    told = repr((ensemble.catalog.to_pylist(), open_run(run).motions().to_pylist()))
-    return told, *(
+    result = repr((ensemble.catalog.to_pylist(), open_run(run).motions().to_pylist()))
+    return result, *(
         motion.acceleration_m_s2.tobytes() + bytes(repr(motion.time_step_s), "ascii") for motion in motions
     )
 
@@ -113,13 +113,13 @@ def test_a_flipped_bit_or_a_lost_end_of_any_file_is_told_or_without_effect(runs,
         what = damage(path, chance)
         try:
             with caplog.at_level(logging.WARNING):
-                answer, told = answers_to(run, name), caplog.text
+                answer, result = answers_to(run, name), caplog.text
         except InputError as error:
-            answer, told = None, str(error)
+            answer, result = None, str(error)
         finally:
             path.write_bytes(content)
-        named = path.name in told or path.parent.name in told
-        assert named or answer == undamaged[file], f"{name}, {what}: {told or 'silently another answer'}"
+        named = path.name in result or path.parent.name in result
+        assert named or answer == undamaged[file], f"{name}, {what}: {result or 'silently another answer'}"
 
 
 def damage(path, chance):

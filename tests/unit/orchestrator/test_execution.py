@@ -73,46 +73,46 @@ def statuses(session):
 
 
 def test_every_job_is_stored_once_as_its_worker_gave_it(planned, session):
-    one = session()
-    progress = one()
+    case = session()
+    progress = case()
     assert (progress.done, progress.stored, progress.deaths, progress.failed) == (24, 24, 0, 0)
-    stored = newest_rows(result_files(one.folder)).sort_by("job_id")
+    stored = newest_rows(result_files(case.folder)).sort_by("job_id")
     assert stored.drop_columns("attempt") == planned[1].sort_by("job_id").drop_columns("attempt")
     assert set(stored["attempt"].to_pylist()) == {1}
 
 
 def test_workers_that_leave_cost_no_try_and_are_no_deaths(session):
-    one = session(faults=lambda job, begun: "left" if begun <= 4 else None, jobs_at_once=1)
-    progress = one(limits=Limits(tries=1))
-    assert (progress.deaths, statuses(one)) == (0, {"ok": 24})
-    assert {row["attempt"] for row in one.rows.values()} == {1}
-    assert any(entry["event"] == "worker left" for entry in one.log)
+    case = session(faults=lambda job, begun: "left" if begun <= 4 else None, jobs_at_once=1)
+    progress = case(limits=Limits(tries=1))
+    assert (progress.deaths, statuses(case)) == (0, {"ok": 24})
+    assert {row["attempt"] for row in case.rows.values()} == {1}
+    assert any(entry["event"] == "worker left" for entry in case.log)
 
 
 def test_a_row_that_does_not_answer_its_job_is_tried_again_and_fails_if_none_does(planned, session):
     once, always = job_of(planned, 3), job_of(planned, 17)
-    one = session(faults=lambda job, begun: "lie" if job == always or (job == once and begun == 1) else None)
-    progress = one()
-    assert statuses(one) == {"ok": 23, "failed": 1}
-    assert one.rows[always]["status"] == "failed"
-    assert "pgv_m_s is 0.5" in one.rows[always]["message"]
-    assert one.rows[once]["pgv_m_s"] != 0.5
+    case = session(faults=lambda job, begun: "lie" if job == always or (job == once and begun == 1) else None)
+    progress = case()
+    assert statuses(case) == {"ok": 23, "failed": 1}
+    assert case.rows[always]["status"] == "failed"
+    assert "pgv_m_s is 0.5" in case.rows[always]["message"]
+    assert case.rows[once]["pgv_m_s"] != 0.5
     assert progress.deaths == 0
 
 
 def test_a_host_that_cannot_keep_what_it_is_sent_is_sent_away(session):
-    one = session(
-        faults=lambda job, begun: "undelivered" if one.cluster.workers == 2 else None, full_hosts=True
+    case = session(
+        faults=lambda job, begun: "undelivered" if case.cluster.workers == 2 else None, full_hosts=True
     )
-    one()
-    assert one.cluster.told.count(("dismiss", "worker 0")) == 1
-    assert statuses(one) == {"ok": 24}
+    case()
+    assert case.cluster.requests.count(("dismiss", "worker 0")) == 1
+    assert statuses(case) == {"ok": 24}
 
 
 def test_an_unfit_worker_is_sent_away_and_without_a_fit_one_the_run_ends(session):
-    one = session(faults=lambda job, begun: "unfit" if one.cluster.workers == 2 else None)
-    one()
-    assert statuses(one) == {"ok": 24}
+    case = session(faults=lambda job, begun: "unfit" if case.cluster.workers == 2 else None)
+    case()
+    assert statuses(case) == {"ok": 24}
     none = session(faults=lambda job, begun: "unfit", workers=1)
     (none.folder / "parts").rename(none.folder / "before")
     with pytest.raises(RunError, match="no fit worker is left"):
@@ -121,22 +121,22 @@ def test_an_unfit_worker_is_sent_away_and_without_a_fit_one_the_run_ends(session
 
 def test_what_was_in_flight_when_the_scheduler_was_lost_goes_out_again(planned, session):
     fatal = {job_of(planned, 2): 1, job_of(planned, 11): 2}
-    one = session(
+    case = session(
         faults=lambda job, begun: "lost" if fatal.get(job) == begun else "left" if begun == 1 else None
     )
-    progress = one()
-    assert (progress.deaths, statuses(one)) == (0, {"ok": 24})
-    assert [told for told, _ in one.cluster.told].count("rejoin") >= 1
-    events = [entry["event"] for entry in one.log]
+    progress = case()
+    assert (progress.deaths, statuses(case)) == (0, {"ok": 24})
+    assert [v for v, _ in case.cluster.requests].count("rejoin") >= 1
+    events = [entry["event"] for entry in case.log]
     assert events.count("scheduler lost") == events.count("scheduler came back") >= 1
 
 
 def test_a_task_that_no_worker_can_do_ends_the_run_and_what_is_stored_stays(planned, session):
-    one = session(faults=lambda job, begun: "error" if job == job_of(planned, 23) else None, jobs_at_once=1)
+    case = session(faults=lambda job, begun: "error" if job == job_of(planned, 23) else None, jobs_at_once=1)
     with pytest.raises(RunError, match="the cluster cannot do a task"):
-        one()
-    assert 0 < len(one.rows) < 24
-    assert one.cluster.told[-1][0] == "cancel"
+        case()
+    assert 0 < len(case.rows) < 24
+    assert case.cluster.requests[-1][0] == "cancel"
 
 
 def test_an_interruption_stores_what_has_come_and_gives_up_what_is_handed_out(session):
@@ -144,21 +144,21 @@ def test_an_interruption_stores_what_has_come_and_gives_up_what_is_handed_out(se
         if progress.done >= 10:
             raise KeyboardInterrupt
 
-    one = session()
+    case = session()
     with pytest.raises(KeyboardInterrupt):
-        one(stop)
-    assert 10 <= len(one.rows) < 24
-    assert one.cluster.told[-1][0] == "cancel"
-    before = len(one.rows)
-    assert one().done == 24 - before
-    assert statuses(one) == {"ok": 24}
+        case(stop)
+    assert 10 <= len(case.rows) < 24
+    assert case.cluster.requests[-1][0] == "cancel"
+    before = len(case.rows)
+    assert case().done == 24 - before
+    assert statuses(case) == {"ok": 24}
 
 
 def test_jobs_that_are_done_again_have_a_newer_attempt_and_the_newest_counts(planned, session):
     culprit = job_of(planned, 3)
-    one = session(faults=lambda job, begun: "died" if job == culprit else None)
-    one(limits=Limits(tries=1))
-    assert (one.rows[culprit]["status"], one.rows[culprit]["attempt"]) == ("crashed", 2)
+    case = session(faults=lambda job, begun: "died" if job == culprit else None)
+    case(limits=Limits(tries=1))
+    assert (case.rows[culprit]["status"], case.rows[culprit]["attempt"]) == ("crashed", 2)
     again = session()
     progress = again(redo={culprit: 2})
     assert progress.done == 1
@@ -168,26 +168,26 @@ def test_jobs_that_are_done_again_have_a_newer_attempt_and_the_newest_counts(pla
 def test_parts_that_are_lost_are_done_again_and_if_that_goes_on_the_disk_is_blamed(
     planned, session, monkeypatch
 ):
-    one, lose = session(), []
+    first, lose = session(), []
 
     def run(work, pending):
-        execution_of = Execution(work, pending, cluster=one.cluster)
-        return lambda: (execution_of(), lose and lose.pop() and result_files(one.folder)[0].unlink())
+        execution_of = Execution(work, pending, cluster=first.cluster)
+        return lambda: (execution_of(), lose and lose.pop() and result_files(first.folder)[0].unlink())
 
     monkeypatch.setattr(execution, "Execution", run)
-    work = Work(one.plan, one.folder, (), None, lambda progress: None, RunProgress(24, 0, began=0.0))
+    work = Work(first.plan, first.folder, (), None, lambda progress: None, RunProgress(24, 0, began=0.0))
 
     def merge():
-        return finished_ids(one.folder, one.plan.ids)
+        return finished_ids(first.folder, first.plan.ids)
 
     lose += [True]
-    work_off(one.plan, work, merge)
-    assert statuses(one) == {"ok": 24}
-    for part in result_files(one.folder):
+    work_off(first.plan, work, merge)
+    assert statuses(first) == {"ok": 24}
+    for part in result_files(first.folder):
         part.unlink()
     lose += [True] * 9
     with pytest.raises(RunError, match="rows are lost after they are stored"):
-        work_off(one.plan, work, merge)
+        work_off(first.plan, work, merge)
 
 
 @settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -204,6 +204,6 @@ def test_whatever_befalls_workers_every_job_has_one_row_and_only_killers_have_no
         kinds = ("died", "left", "undelivered", "cancelled", "lost", "lie")
         return kinds[random.integers(len(kinds))] if begun == 1 and random.random() < 0.3 else None
 
-    one = Session(planned, tmp_path_factory.mktemp("run"), monkeypatch, faults=faults, workers=workers)
-    one()
-    assert statuses(one) == ({"ok": 23, "crashed": 1} if culprit else {"ok": 24})
+    case = Session(planned, tmp_path_factory.mktemp("run"), monkeypatch, faults=faults, workers=workers)
+    case()
+    assert statuses(case) == ({"ok": 23, "crashed": 1} if culprit else {"ok": 24})

@@ -114,11 +114,11 @@ def test_a_part_of_another_run_is_refused_and_stays_where_it_is(runs, tmp_path):
 )
 def test_a_run_of_an_earlier_version_is_compared_by_ids(swap, name, tmp_path):
     run = swap(name)
-    told = read_json(run / "run.json")
+    document = read_json(run / "run.json")
     if name == "jobs.parquet":
-        told["jobs"] += 1
-    del told["files"]
-    write_json(run / "run.json", told)
+        document["jobs"] += 1
+    del document["files"]
+    write_json(run / "run.json", document)
     with refused("run.file_foreign"):
         open_run(run).table()
 

@@ -86,9 +86,9 @@ def test_it_is_raised_once_and_no_more_while_the_program_ends():
 
 
 def test_what_fails_by_itself_is_told():
-    code, _, told = ended("raise AssertionError('a defect')")
+    code, _, result = ended("raise AssertionError('a defect')")
     assert code == 1
-    assert "a defect" in told
+    assert "a defect" in result
 
 
 def test_what_is_held_back_is_done_whole_and_then_stopped():

@@ -29,8 +29,8 @@ class Heard:
     def wait(self, number, seconds):
         pass
 
-    def say(self, said):
-        self.said.append(said)
+    def say(self, stated):
+        self.said.append(stated)
 
     def save(self):
         pass
@@ -59,7 +59,7 @@ def asked(server, path, content=None, method=None, **headers):
     return answer.status, answer.read().decode()
 
 
-def told(server, path, content, **headers):
+def post(server, path, content, **headers):
     return asked(server, f"/{server.secret}/{path}", content, **headers)
 
 
@@ -68,8 +68,8 @@ def told(server, path, content, **headers):
 )
 def test_only_who_knows_the_secret_and_asks_this_host_is_heard(server, method, path):
     body = "{}" if method == "POST" else None
-    for way in (f"/{path}", f"/wrong/{path}", f"/{server.secret}x/{path}"):
-        assert asked(server, way, body, method)[0] == 404
+    for direction in (f"/{path}", f"/wrong/{path}", f"/{server.secret}x/{path}"):
+        assert asked(server, direction, body, method)[0] == 404
     inside = f"/{server.secret}/{path}"
     assert asked(server, inside, body, method, Host="rebound.example")[0] == 404
     assert asked(server, inside, body, method, Origin="http://elsewhere.example")[0] == 404
@@ -104,17 +104,17 @@ def test_nothing_but_the_page_is_there(server, path):
     ],
 )  # fmt: skip
 def test_what_is_no_hint_is_refused_and_nothing_is_taken_of_it(server, content):
-    status, answer = told(server, "hints", content)
+    status, answer = post(server, "hints", content)
     assert status == 400
     assert "remedy:" in answer
     assert not server.picking.said
 
 
 def test_what_is_too_long_or_has_no_length_is_not_read(server):
-    assert told(server, "hints", '{"near": null' + " " * LARGEST_BODY + "}")[0] == 400
+    assert post(server, "hints", '{"near": null' + " " * LARGEST_BODY + "}")[0] == 400
     for length in ("-1", "x", "1e3", "9" * 40):
-        assert told(server, "hints", "{}", **{"Content-Length": length})[0] == 400
-    assert told(server, "hints", "{}", **{"Content-Type": "text/plain"})[0] == 400
+        assert post(server, "hints", "{}", **{"Content-Length": length})[0] == 400
+    assert post(server, "hints", "{}", **{"Content-Type": "text/plain"})[0] == 400
     assert not server.picking.said
 
 

@@ -51,9 +51,9 @@ def work(monkeypatch):
             )
         return Worked(near), np.zeros(3, np.int8), ("a note",)
 
-    def read(said):
-        made.reads.append(said.of_the_cloud)
-        if said.units == "mm":
+    def read(stated):
+        made.reads.append(stated.of_the_cloud)
+        if stated.units == "mm":
             raise InputError(
                 "scan.no_unit", "no unit", where="there", expected="another", remedy="say another"
             )
@@ -88,7 +88,7 @@ def written():
 def picking(work, written):
     cloud = Cloud(np.zeros((3, 3)), np.array([100.0, 200.0, 0.0]), np.zeros(3, np.int32), ())
     picking = Picking(
-        Placed(cloud, Placement()), work.read, lambda survey, said: written.append(said), "rock", NEAR[0]
+        Placed(cloud, Placement()), work.read, lambda survey, stated: written.append(stated), "rock", NEAR[0]
     )
     thread = threading.Thread(target=picking.work, daemon=True)
     thread.start()
@@ -109,8 +109,8 @@ def until(picking, condition):
 
 def test_only_the_latest_hints_are_worked_out(picking, work):
     until(picking, lambda state: state["stage"] == "splitting")
-    for said in NEAR[1:]:
-        picking.say(said)
+    for text in NEAR[1:]:
+        picking.say(text)
     work.go.set()
     state = until(picking, lambda state: state["current"])
     assert state["answer"]["near"] == NEAR[-1].near

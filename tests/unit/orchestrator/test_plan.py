@@ -52,11 +52,11 @@ def test_every_point_is_a_job_of_its_own_and_realisations_are_spread_over_those_
     assert len(jobs) == jobs["job_id"].nunique() == 3 * 6 * 4 * 2
     point = ["record_id", "pga_m_s2", "azimuth_deg"]
     assert (jobs.groupby(point, observed=True)["realisation"].nunique() == 1).all()  # of both frictions one
-    one = jobs[jobs["friction_static"] == 0.8]
-    met = one.groupby(["record_id", "realisation"], observed=True).size()
+    single = jobs[jobs["friction_static"] == 0.8]
+    met = single.groupby(["record_id", "realisation"], observed=True).size()
     assert (len(met), met.min(), met.max()) == (3 * 5, 4, 5)
     for axis in ("pga_m_s2", "azimuth_deg"):
-        assert (one.groupby("realisation")[axis].nunique() == one[axis].nunique()).all()
+        assert (single.groupby("realisation")[axis].nunique() == single[axis].nunique()).all()
 
 
 def test_records_as_they_are_are_imposed_unscaled(campaign):
@@ -187,14 +187,14 @@ def test_a_folder_that_is_no_run_is_left_alone(campaign, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("half_width_m", "friction", "told"),
+    ("half_width_m", "friction", "expected"),
     [
         (0.1, [0.9], "rock.does_not_stand"),  # .1 / .6 < tan 12 degrees: falls
         (0.2, [0.9, 0.15], "rock.does_not_stand"),  # slides
     ],
 )
 def test_a_rock_that_does_not_stand_by_itself_is_refused_once_and_before_anything_is_written(
-    campaign, tmp_path, half_width_m, friction, told
+    campaign, tmp_path, half_width_m, friction, expected
 ):
     block = Scene.block(half_width_m, 0.2, 0.6).rock
     Scene.from_mesh((block.vertices_m, block.faces), slope_deg=12.0).save(tmp_path / "scene")
@@ -202,7 +202,7 @@ def test_a_rock_that_does_not_stand_by_itself_is_refused_once_and_before_anythin
     content = {"scene": str(tmp_path / "scene"), "ensemble": str(campaign.ensemble), **axes}
     leaning = Campaign.of(content, tmp_path)
 
-    with refused(told):
+    with refused(expected):
         run(plan_of(leaning), tmp_path / "run", nullcontext(None), watch=lambda progress: None)
     assert not (tmp_path / "run").exists()
 
@@ -231,7 +231,7 @@ def test_every_module_that_a_shake_loads_is_part_of_the_identity_of_the_code():
         subprocess.run([sys.executable, "-c", LOADED], check=True, capture_output=True).stdout
     )
     root = Path(toppling.models.__path__[0]).resolve().parent
-    missing = {Path(one).resolve().relative_to(root).as_posix() for one in loaded} - SOURCES.keys()
+    missing = {Path(value).resolve().relative_to(root).as_posix() for value in loaded} - SOURCES.keys()
     assert {name for name in missing if not name.endswith("__init__.py")} <= {"models/scan/hints_file.py"}
 
 
@@ -255,9 +255,9 @@ def ordered(records, levels, azimuths, scenes=(1,)):
 
 def largest_deviation(values):
     """By how many jobs a value's number differs most, over all beginnings, from an even share."""
-    each = values[:, None] == np.arange(values.max() + 1)
-    even = np.arange(1, len(values) + 1)[:, None] / each.shape[1]
-    return float(np.abs(np.cumsum(each, axis=0) - even).max())
+    entry = values[:, None] == np.arange(values.max() + 1)
+    even = np.arange(1, len(values) + 1)[:, None] / entry.shape[1]
+    return float(np.abs(np.cumsum(entry, axis=0) - even).max())
 
 
 @settings(max_examples=40)
@@ -283,7 +283,7 @@ def test_after_a_quarter_of_a_run_each_record_level_and_azimuth_has_had_its_quar
 def test_scenes_change_seldom_and_come_round_evenly():
     scenes, records = (2, 1, 10), 30
     jobs = ordered(records, 12, 12, scenes)
-    changes = 1 + sum(one != other for one, other in pairwise(jobs[:, SCENE].tolist()))
+    changes = 1 + sum(value != other for value, other in pairwise(jobs[:, SCENE].tolist()))
     assert len(jobs) / changes >= JOBS_OF_A_SCENE * 0.9
     of_block = records * block_jobs(records, 12, 12, 20)[1]
     assert largest_deviation(jobs[:, SCENE]) <= of_block

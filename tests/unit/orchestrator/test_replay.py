@@ -27,7 +27,7 @@ def record(name, pga_m_s2):
     return Record.of(name, idealised.full_sine(pga_m_s2, 2.0), event="made", component_azimuths_deg=(0, 90))
 
 
-def told(*words):
+def command(*words):
     return CliRunner().invoke(cli, [str(word) for word in words])
 
 
@@ -60,7 +60,7 @@ def replayed(run, tmp_path_factory):
     folder, rows = run
     row = next(row for row in rows if row["toppled"] and row["realisation"] > 0)
     out = tmp_path_factory.mktemp("replayed")
-    return told("replay", folder, row["job_id"][:12], "--out", out), row, out
+    return command("replay", folder, row["job_id"][:12], "--out", out), row, out
 
 
 def test_a_job_seen_again_has_the_answer_and_the_way_of_the_run(replayed):
@@ -69,13 +69,13 @@ def test_a_job_seen_again_has_the_answer_and_the_way_of_the_run(replayed):
     assert "The answer is that of the run" in done.output
     table = pq.read_table(out / "trajectory.parquet")
     assert all(field.metadata[b"unit"] and field.metadata[b"description"] for field in table.schema)
-    way = table.to_pandas()
+    direction = table.to_pandas()
     # The quaternions have 16 digits, and an arc near 0 keeps half of them.
-    assert way["tilt_deg"].max() == pytest.approx(row["max_tilt_deg"], abs=1e-5)
-    assert way["tilt_deg"].iloc[0] == pytest.approx(0.0, abs=1e-5)
-    assert way["time_s"].is_monotonic_increasing
-    assert way["time_s"].min() <= row["topple_time_s"] <= way["time_s"].max()
-    assert way["ground_x_m_s2"].abs().max() <= row["pga_m_s2"] * (1 + 1e-9)
+    assert direction["tilt_deg"].max() == pytest.approx(row["max_tilt_deg"], abs=1e-5)
+    assert direction["tilt_deg"].iloc[0] == pytest.approx(0.0, abs=1e-5)
+    assert direction["time_s"].is_monotonic_increasing
+    assert direction["time_s"].min() <= row["topple_time_s"] <= direction["time_s"].max()
+    assert direction["ground_x_m_s2"].abs().max() <= row["pga_m_s2"] * (1 + 1e-9)
 
 
 @pytest.mark.thorough
@@ -87,7 +87,7 @@ def test_an_answer_that_is_not_the_runs_is_said_and_ends_with_1(run, tmp_path):
         (other / name).symlink_to(folder / name)
     row = next(row for row in rows if not row["toppled"])
     write_part(other, [row | {"max_tilt_deg": row["max_tilt_deg"] + 1.0}])
-    done = told("replay", other, row["job_id"], "--out", tmp_path / "out")
+    done = command("replay", other, row["job_id"], "--out", tmp_path / "out")
     assert done.exit_code == 1
     assert done.exception.code == "replay.differs"
     assert (tmp_path / "out" / "replay.gif").exists()
@@ -95,7 +95,7 @@ def test_an_answer_that_is_not_the_runs_is_said_and_ends_with_1(run, tmp_path):
 
 @pytest.mark.parametrize("job", ["", "none"])
 def test_what_names_no_single_job_is_refused(run, tmp_path, job):
-    done = told("replay", run[0], job, "--out", tmp_path / "out")
+    done = command("replay", run[0], job, "--out", tmp_path / "out")
     assert done.exception.code == "run.job_unknown"
     assert not (tmp_path / "out").exists()
 
@@ -105,7 +105,7 @@ def test_seismograms_are_judged_as_they_are_and_beside_their_neighbours(scene, t
     strengths = {"far-below": 0.7, "far-above": 3.0}
     made = [record(name, factor * UPLIFT_M_S2) for name, factor in strengths.items()]
     Ensemble.write(tmp_path / "motions", made)
-    done = told("check", scene, tmp_path / "motions", "--neighbours", 2, "--preset", "fast", "--json")
+    done = command("check", scene, tmp_path / "motions", "--neighbours", 2, "--preset", "fast", "--json")
     assert done.exit_code == 0, done.output
     below, above = sorted(json.loads(done.stdout), key=lambda verdict: verdict["pga_m_s2"])
     assert (below["outcome"], below["toppled"], below["shaken"], below["least_factor"]) == (

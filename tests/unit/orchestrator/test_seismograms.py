@@ -108,12 +108,12 @@ def test_each_rock_is_shaken_by_the_seismograms_at_its_site_alone_and_one_that_f
 
 
 def test_a_folder_named_as_a_site_stands_for_its_station(sites, tmp_path):
-    one = Seismogram(tmp_path, "R", "Mars", "", ("sims/ECHO/strike.csv",))
-    assert one.is_at("Echo")
-    assert one.scenario == "strike"
-    assert seismograms_of(sites[0], sites, [one]) == [one]
+    case = Seismogram(tmp_path, "R", "Mars", "", ("sims/ECHO/strike.csv",))
+    assert case.is_at("Echo")
+    assert case.scenario == "strike"
+    assert seismograms_of(sites[0], sites, [case]) == [case]
 
 
 def test_seismograms_of_no_site_are_refused(sites, given):
     with refused("rocks.no_seismograms", "2"):
-        check_sites(sites[:2], [one for one in given if one.station == "Mars"], [1.0], "fast", workers=1)
+        check_sites(sites[:2], [r for r in given if r.station == "Mars"], [1.0], "fast", workers=1)

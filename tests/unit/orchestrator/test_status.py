@@ -39,9 +39,9 @@ def test_the_same_failure_of_many_jobs_is_told_once_with_their_number(planned, t
     state = state_of(tmp_path / "run")
     counts = state["stored"], state["failed"], state["status"]
     assert counts == (13, 12, {"crashed": 1, "failed": 11, "ok": 1})
-    told = [(reason["jobs"], reason["status"], reason["message"]) for reason in state["failures"]]
-    assert told[0] == (9, "failed", "it falls")
-    assert (1, "failed", "ended; the rock left the ground that is known: scan more of it") in told
+    result = [(reason["jobs"], reason["status"], reason["message"]) for reason in state["failures"]]
+    assert result[0] == (9, "failed", "it falls")
+    assert (1, "failed", "ended; the rock left the ground that is known: scan more of it") in result
     assert {row["job_id"] for row in state["failures"]} >= {planned.spec(job).job_id for job in (0, 12)}
     assert state["again"] == ["crashed", "failed"]
 
@@ -113,7 +113,7 @@ def test_a_session_that_goes_on_is_called_running_and_one_that_was_killed_interr
     (run / "run.json").write_bytes(killed)  # as a killed session leaves it
     assert state_of(run)["sessions"][-1]["ended"] == "interrupted"
     with session(run):
-        assert [one["ended"] for one in state_of(run)["sessions"]] == ["interrupted", "running"]
+        assert [entry["ended"] for entry in state_of(run)["sessions"]] == ["interrupted", "running"]
 
 
 def test_the_shares_of_a_run_count_jobs_with_an_answer_by_level(planned, tmp_path):

@@ -71,14 +71,14 @@ def state(server):
 
 
 def test_the_page_is_told_progress_failures_cells_and_the_latest_topplings(server):
-    told = state(server)
-    assert (told["jobs"], told["stored"], told["state"]) == (12, 7, "interrupted")
-    assert [(one["jobs"], one["message"]) for one in told["failures"]] == [(1, STRANGE)]
-    (shown,) = told["maps"]
+    state_now = state(server)
+    assert (state_now["jobs"], state_now["stored"], state_now["state"]) == (12, 7, "interrupted")
+    assert [(failure["jobs"], failure["message"]) for failure in state_now["failures"]] == [(1, STRANGE)]
+    (shown,) = state_now["maps"]
     assert sum(cell["jobs"] for cell in shown["cells"]) == 6
     assert shown["rows"] == ["1", "4", "8"]
-    assert sum(cell["toppled"] for cell in shown["cells"]) == len(told["latest"]) > 0
-    assert told["latest"][0]["topple_time_s"] > 0
+    assert sum(cell["toppled"] for cell in shown["cells"]) == len(state_now["latest"]) > 0
+    assert state_now["latest"][0]["topple_time_s"] > 0
 
 
 @pytest.mark.parametrize(
@@ -99,9 +99,9 @@ def test_a_toppling_is_replayed_on_a_click(server):
 @needs_browser
 def test_a_browser_draws_the_map_and_runs_nothing_that_a_run_says(server, tmp_path):
     document, complaints = shown(server.address, tmp_path)
-    told = state(server)
-    assert document.count('class="cell"') == len(told["maps"][0]["cells"])
-    assert document.count(">replay</button>") == len(told["latest"])
+    state_now = state(server)
+    assert document.count('class="cell"') == len(state_now["maps"][0]["cells"])
+    assert document.count(">replay</button>") == len(state_now["latest"])
     assert "&lt;img src=x" in document
     assert "owned</title>" not in document
     assert not complaints

@@ -90,8 +90,8 @@ def test_a_file_that_states_no_ages_in_a_unit_is_refused(tmp_path, text):
 
 
 def test_survival_over_a_normal_age_is_its_moment_generating_function():
-    told = exposure(joint_ages([parse_age("20000+-3000")])).survival([RATE])
-    assert told == pytest.approx(math.exp(-20000 * RATE + (3000 * RATE) ** 2 / 2), rel=5e-4)
+    result = exposure(joint_ages([parse_age("20000+-3000")])).survival([RATE])
+    assert result == pytest.approx(math.exp(-20000 * RATE + (3000 * RATE) ** 2 / 2), rel=5e-4)
 
 
 def test_rocks_of_one_date_stand_equally_long_in_every_draw_and_need_one_age():
@@ -136,7 +136,7 @@ def test_a_stouter_rock_has_a_factor_above_one_and_a_date(text):
 def test_every_rock_stands_as_it_is_for_the_lesser_of_its_age_and_its_date_of_fragility(rocks):
     ages = np.array([[age for age, _ in rocks]])
     since = [None if date is None else Since(np.array([date])) for _, date in rocks]
-    told = exposure(ages, since)
-    lasting = (told.states > 0).T.astype(float) @ told.years[:, 0]
+    result = exposure(ages, since)
+    lasting = (result.states > 0).T.astype(float) @ result.years[:, 0]
     expected = [age if date is None else min(age, date) for age, date in rocks]
     assert lasting == pytest.approx(expected, rel=1e-9)

@@ -102,7 +102,7 @@ def test_answers_that_contradict_what_is_certain_shift_the_median_as_a_fit_of_th
     )
     ours = np.log(pga / 8.0) + 0.1 * random.normal(size=len(pga)) > 0
     theirs = np.where((pga < 3.0) & (random.random(len(pga)) < 0.5), True, ours)
-    jobs, again = (jobs.assign(toppled=pd.array(told, "boolean")) for told in (ours, theirs))
+    jobs, again = (jobs.assign(toppled=pd.array(value, "boolean")) for value in (ours, theirs))
     stated = compare("reference", jobs, again).median_shift_percent
     assert stated.value == pytest.approx(true_shift_percent(jobs, again), rel=1e-4)
 
@@ -139,7 +139,7 @@ def saved(folder, jobs, again):
     keep = [*JOB_COLUMNS, "toppled", "job_id", "pga_m_s2", "preset", "max_tilt_deg"]
 
     def as_rows(frame):
-        return [row(**told) for told in frame[keep].astype({"toppled": object}).to_dict("records")]
+        return [row(**entry) for entry in frame[keep].astype({"toppled": object}).to_dict("records")]
 
     write_part(folder, as_rows(jobs))
     for name in ("reference", "mujoco"):
@@ -153,15 +153,15 @@ def test_audit_rows_never_mix_with_answers_and_the_json_names_both_engines(tmp_p
     run = open_run(tmp_path)
     assert set(run.frame()["preset"]) == {"fast"}
     assert len(run.frame()) == len(jobs)
-    told = json.loads(json.dumps(audits_json(audits_of(run))))
+    document = json.loads(json.dumps(audits_json(audits_of(run))))
     names = {
         "jobs", "median_shift_percent", "median_shift_low", "median_shift_high", "share_shift", "flips_to_toppled",
         "flips_to_standing",
     }  # fmt: skip
-    assert names <= set(told)
-    assert names <= set(told["engines"]["mujoco"])
-    assert told["jobs"] == SAMPLE
-    assert told["median_shift_low"] < told["median_shift_percent"] < told["median_shift_high"]
+    assert names <= set(document)
+    assert names <= set(document["engines"]["mujoco"])
+    assert document["jobs"] == SAMPLE
+    assert document["median_shift_low"] < document["median_shift_percent"] < document["median_shift_high"]
 
 
 def test_rows_that_came_after_the_sample_was_drawn_are_not_what_it_stands_for(tmp_path):

@@ -59,8 +59,8 @@ def test_the_interval_holds_the_median_of_one_base_in_nine_of_ten_runs(between_b
 @pytest.mark.parametrize("between_bases", [0.3, 0.6])
 def test_the_part_of_the_base_is_how_far_bases_differ(between_bases):
     parts = [curve_of(run(between_bases, seed=seed)[0]).interval_parts for seed in range(12)]
-    assert np.median([one["base"] for one in parts]) == pytest.approx(np.sinh(1.96 * between_bases), rel=0.2)
-    assert 0.08 < np.median([one["records"] for one in parts]) < 0.16
+    assert np.median([p["base"] for p in parts]) == pytest.approx(np.sinh(1.96 * between_bases), rel=0.2)
+    assert 0.08 < np.median([p["records"] for p in parts]) < 0.16
 
 
 @pytest.mark.parametrize(("bases", "names"), [(25, ["records", "base"]), (1, ["records"])])
@@ -98,9 +98,9 @@ def test_curves_of_single_bases_average_to_that_of_all():
     jobs, _ = run(0.6)
     fitted = sampled(jobs, fit(jobs, ["pgv_m_s"]), samples=400)
     x = np.geomspace(0.2, 1.5, 7)
-    each = [one.probability(x) for one in fitted.resampled.lognormals("pgv_m_s")]
-    assert np.mean(each, axis=0) == pytest.approx(fitted.lognormal.probability(x), abs=0.04)
-    assert all(one.beta < fitted.lognormal.beta * 1.3 for one in fitted.resampled.lognormals("pgv_m_s"))
+    entry = [c.probability(x) for c in fitted.resampled.lognormals("pgv_m_s")]
+    assert np.mean(entry, axis=0) == pytest.approx(fitted.c.probability(x), abs=0.04)
+    assert all(c.beta < fitted.c.beta * 1.3 for c in fitted.resampled.lognormals("pgv_m_s"))
 
 
 def test_bases_without_weight_say_nothing_of_how_far_bases_differ():
@@ -109,8 +109,8 @@ def test_bases_without_weight_say_nothing_of_how_far_bases_differ():
     moved = jobs.assign(toppled=np.where(far, jobs["pgv_m_s"] > 4.0 * MEDIAN, jobs["toppled"]))
     weighed = moved.assign(base_weight=np.where(far, 1e-9, 2.0), record_weight=np.where(far, 1e-9, 2.0))
     of_all, of_even = (
-        base_spread(one, design_of(one, ["pgv_m_s"]) @ fit(one, ["pgv_m_s"]).coefficients).half_width
-        for one in (moved, weighed)
+        base_spread(v, design_of(v, ["pgv_m_s"]) @ fit(v, ["pgv_m_s"]).coefficients).half_width
+        for v in (moved, weighed)
     )
     assert of_all > 1.1
     assert of_even < 0.7

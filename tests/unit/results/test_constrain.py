@@ -49,8 +49,8 @@ def told_by(*arguments):
 
 def test_a_run_tells_how_far_other_records_would_move_its_bound_and_a_file_that_it_does_not(tmp_path, curves):
     write_part(tmp_path, rows(records=30, azimuths=(0.0,)))
-    told = told_by(str(tmp_path))
-    assert told["unexceeded_low"] < told["unexceeded"] < told["unexceeded_high"]
+    statement = told_by(str(tmp_path))
+    assert statement["unexceeded_low"] < statement["unexceeded"] < statement["unexceeded_high"]
     # At a confidence of one half the bound is the median; 570 jobs give it to about 4 %.
     assert told_by(str(tmp_path), "--confidence", "0.5")["unexceeded"] == pytest.approx(THETA_M_S, rel=0.12)
     assert told_by(curves)["unexceeded_low"] is None
@@ -65,12 +65,12 @@ def test_of_several_contacts_one_is_chosen_with_all_that_its_own_run_tells(tmp_p
     none = constrain(str(tmp_path / "both" / "run"), "--where", "friction_static = 9")
     assert none.exception.code == "run.no_job_left"
     chosen = ("--where", "friction_static = 0.8", "--json")
-    told, alone = (
+    document, alone = (
         json.loads(constrain(str(tmp_path / name / "run"), *options).stdout)
         for name, options in (("both", chosen), ("one", ("--json",)))
     )
-    assert told == alone
-    assert told["unexceeded_low"] is not None
+    assert document == alone
+    assert document["unexceeded_low"] is not None
     assert constrain(curves, *chosen).exit_code == 2
 
 
@@ -130,15 +130,15 @@ def test_the_verdict_comes_first_and_nothing_is_updated_where_all_is_rejected(
     tmp_path, curves, hazards, asked, all_of_them
 ):
     branches = [argument for number in asked for argument in ("--hazard", hazards[number])]
-    told = told_by(curves, "--age", "10000", *branches)
-    assert all(branch["inconsistent"] for branch in told["branches"]) == all_of_them
+    statement = told_by(curves, "--age", "10000", *branches)
+    assert all(branch["inconsistent"] for branch in statement["branches"]) == all_of_them
     names = {
         "branches": "posterior_weight",
         "updated": "rate_posterior_mean",
         "changes": "level_posterior_mean",
     }
     for table, column in names.items():
-        assert all(row[column] is None for row in told[table]) == all_of_them
+        assert all(row[column] is None for row in statement[table]) == all_of_them
     stated = constrain(curves, "--age", "10000", *branches, "--out", str(tmp_path / "made")).stdout
     assert "inconsistent" in stated.partition("\n")[0]
     page = (tmp_path / "made" / "constraint.html").read_text()
@@ -188,21 +188,21 @@ def openquake_tree(folder, weights=(0.4, 0.6), site=(10.0, 45.0)):
 
 def test_a_tree_is_updated_by_the_rocks_survival_with_factors_of_their_closed_form(tmp_path, curves):
     tree = openquake_tree(tmp_path / "tree")
-    told = told_by(curves, "--age", "10000", "--hazard", tree)
+    statement = told_by(curves, "--age", "10000", "--hazard", tree)
     rates = [rate / 1.44 * math.exp(0.32) for rate in (1e-5, 1e-4)]
     alive = [math.exp(-1e4 * rate) for rate in rates]
-    assert [branch["survival"] for branch in told["branches"]] == pytest.approx(alive, rel=1e-3)
+    assert [branch["survival"] for branch in statement["branches"]] == pytest.approx(alive, rel=1e-3)
     weights = [weight * chance for weight, chance in zip((0.4, 0.6), alive, strict=True)]
-    assert [branch["posterior_weight"] for branch in told["branches"]] == pytest.approx(
+    assert [branch["posterior_weight"] for branch in statement["branches"]] == pytest.approx(
         [weight / sum(weights) for weight in weights], rel=1e-3
     )
     # Motions s times as strong have s^2 times the rates of a power law of exponent 2.
-    for branch, rate in zip(told["branches"], rates, strict=True):
+    for branch, rate in zip(statement["branches"], rates, strict=True):
         allowed = -math.log(0.05) / (1e4 * rate)
         assert branch["rate_factor"] == pytest.approx(allowed, rel=1e-3)
         assert branch["scale_factor"] == pytest.approx(math.sqrt(allowed), rel=1e-3)
         assert branch["scale_factor_low"] is None  # neither records nor ages are known to vary
-    row = told["updated"][4]
+    row = statement["updated"][4]
     mean = sum(
         w / sum(weights) * -math.expm1(-50 * rate) for w, rate in zip(weights, (1e-5, 1e-4), strict=True)
     )
@@ -214,44 +214,44 @@ def test_a_tree_is_updated_by_the_rocks_survival_with_factors_of_their_closed_fo
 
 def test_an_uncertain_age_reaches_factors_updated_mean_and_verdict(tmp_path, curves, hazards):
     tree = openquake_tree(tmp_path / "tree")
-    told = told_by(curves, "--age", "5000..20000", "--hazard", tree)
-    assert told["intervals_carry"] == ["age"]
-    branch = told["branches"][0]
+    statement = told_by(curves, "--age", "5000..20000", "--hazard", tree)
+    assert statement["intervals_carry"] == ["age"]
+    branch = statement["branches"][0]
     exact = [math.sqrt(-math.log(0.05) / (age * 1e-5 / 1.44 * math.exp(0.32))) for age in (19625, 5375)]
     assert branch["scale_factor_low"] == pytest.approx(exact[0], rel=0.01)
     assert branch["scale_factor_high"] == pytest.approx(exact[1], rel=0.01)
-    row = told["updated"][4]
+    row = statement["updated"][4]
     assert row["rate_posterior_mean_low"] < row["rate_posterior_mean"] < row["rate_posterior_mean_high"]
-    one = told_by(curves, "--age", "5000..20000", "--hazard", hazards[0])
-    ends = [share_words(one["branches"][0][f"survival_{end}"]) for end in ("low", "high")]
-    assert f"(95 %: {' to '.join(ends)})" in answer(one)[0]
+    single = told_by(curves, "--age", "5000..20000", "--hazard", hazards[0])
+    ends = [share_words(single["branches"][0][f"survival_{end}"]) for end in ("low", "high")]
+    assert f"(95 %: {' to '.join(ends)})" in answer(single)[0]
 
 
 @pytest.mark.usefixtures("empty_figures")
 def test_the_hazard_written_back_is_a_tree_with_the_new_weights(tmp_path, curves):
     tree, folder = openquake_tree(tmp_path / "tree"), tmp_path / "out"
     asked = ["--age", "10000", "--json", "--ratio", "1.2"]
-    told = json.loads(constrain(curves, *asked, "--hazard", tree, "--out", str(folder)).stdout)
+    document = json.loads(constrain(curves, *asked, "--hazard", tree, "--out", str(folder)).stdout)
     shutil.unpack_archive(folder / "openquake.zip", tmp_path / "openquake")
     (again,) = read_hazard(tmp_path / "openquake")
     assert len(list(folder.iterdir())) <= 12
     assert [branch.weight for branch in again.branches] == pytest.approx(
-        [branch["posterior_weight"] for branch in told["branches"]], rel=1e-6
+        [branch["posterior_weight"] for branch in document["branches"]], rel=1e-6
     )
     (first,) = read_hazard(Path(tree))
-    for one, other in zip(first.curves, again.curves, strict=True):
-        np.testing.assert_allclose(one.annual_rate, other.annual_rate, rtol=1e-5)
-        np.testing.assert_allclose(one.intensity, other.intensity, rtol=1e-6)
+    for curve, other in zip(first.curves, again.curves, strict=True):
+        np.testing.assert_allclose(curve.annual_rate, other.annual_rate, rtol=1e-5)
+        np.testing.assert_allclose(curve.intensity, other.intensity, rtol=1e-6)
     page = (folder / "constraint.html").read_text()
     assert page.index("The 1e-4 PGV of the mean hazard falls from") < page.index("<nav>")
 
 
 def test_several_rocks_have_one_fragility_with_the_spread_between_them(tmp_path, curves):
     other = str(write_curves(tmp_path / "other.json", [Lognormal("pgv_m_s", 1.5, 0.3)]))
-    told = told_by(curves, other)["random_rock"]
-    assert told["median"] == pytest.approx(math.sqrt(1.2 * 1.5))
+    statement = told_by(curves, other)["random_rock"]
+    assert statement["median"] == pytest.approx(math.sqrt(1.2 * 1.5))
     between = math.log(1.5 / 1.2) / math.sqrt(2)
-    assert told["beta"] == pytest.approx(math.sqrt((0.4**2 + 0.3**2) / 2 + between**2))
+    assert statement["beta"] == pytest.approx(math.sqrt((0.4**2 + 0.3**2) / 2 + between**2))
 
 
 @pytest.fixture
@@ -279,26 +279,26 @@ def events(tmp_path):
 
 def test_factors_of_rates_and_of_the_mean_follow_from_the_branches_rates(rocks, events):
     """Of one age A: k = -ln(.05) / (nu A), and the mean's nu is the weighted mean of the branches'."""
-    told = told_by(rocks[0], "--hazard", events, "--site", "aa", "--age", "300")
-    for row in told["branches"]:
+    statement = told_by(rocks[0], "--hazard", events, "--site", "aa", "--age", "300")
+    for row in statement["branches"]:
         assert row["rate_factor"] == pytest.approx(-math.log(0.05) / (300 * row["toppling_rate"]))
         assert row["rate_factor_low"] < row["rate_factor"] < row["rate_factor_high"]
-    mean = sum(row["prior_weight"] * row["toppling_rate"] for row in told["branches"])
-    assert told["mean"]["survival"] == pytest.approx(math.exp(-300 * mean))
-    assert told["mean"]["rate_factor"] == pytest.approx(-math.log(0.05) / (300 * mean))
-    low, high = sorted(row["scale_factor"] for row in told["branches"])
-    assert low < told["mean"]["scale_factor"] < high
+    mean = sum(row["prior_weight"] * row["toppling_rate"] for row in statement["branches"])
+    assert statement["mean"]["survival"] == pytest.approx(math.exp(-300 * mean))
+    assert statement["mean"]["rate_factor"] == pytest.approx(-math.log(0.05) / (300 * mean))
+    low, high = sorted(row["scale_factor"] for row in statement["branches"])
+    assert low < statement["mean"]["scale_factor"] < high
 
 
 def test_rocks_that_survive_under_no_branch_are_told_so_and_their_rates_keep_an_interval(rocks, events):
     given = (*rocks, "--hazard", events, "--site", "aa", "--age", "1000000")
-    told = told_by(*given)
-    assert [branch["survival"] for branch in told["branches"]] == pytest.approx([0.0, 0.0], abs=1e-300)
-    for one in (told["mean"], *told["branches"]):
-        assert 0.0 < one["rate_factor_low"] < one["rate_factor"] < one["rate_factor_high"]
-    said = constrain(*given)
-    assert said.exit_code == 0
-    assert "survive under no ground-motion model" in said.stdout
+    statement = told_by(*given)
+    assert [branch["survival"] for branch in statement["branches"]] == pytest.approx([0.0, 0.0], abs=1e-300)
+    for single in (statement["mean"], *statement["branches"]):
+        assert 0.0 < single["rate_factor_low"] < single["rate_factor"] < single["rate_factor_high"]
+    text = constrain(*given)
+    assert text.exit_code == 0
+    assert "survive under no ground-motion model" in text.stdout
 
 
 def test_the_scale_factor_is_where_survival_falls_to_five_per_cent(rocks, events):
@@ -377,16 +377,16 @@ def test_two_measures_at_once_are_judged_by_their_joint_rate(tmp_path):
     for name in ("a", "v"):
         (tmp_path / f"{name}.csv").rename(folder / f"{name}.csv")
     asked = [run, "--hazard", folder, "--age", "5000"]
-    told = told_by(*asked, "--measure", "pga_m_s2+pgv_m_s", "--correlation", "0.6")
-    assert len(told["rocks"][0]["coefficients"]) == 3
-    row = told["branches"][0]
+    statement = told_by(*asked, "--measure", "pga_m_s2+pgv_m_s", "--correlation", "0.6")
+    assert len(statement["rocks"][0]["coefficients"]) == 3
+    row = statement["branches"][0]
     assert row["survival_low"] < row["survival"] < row["survival_high"]
-    assert {one["measure"] for one in told["updated"]} == {"pga_m_s2", "pgv_m_s"}
-    assert "joint rate" not in told["intervals_carry"]
+    assert {entry["measure"] for entry in statement["updated"]} == {"pga_m_s2", "pgv_m_s"}
+    assert "joint rate" not in statement["intervals_carry"]
     unstated = told_by(*asked, "--measure", "pga_m_s2+pgv_m_s")
     assert "joint rate" in unstated["intervals_carry"]
     known = told_by(*asked, "--measure", "pga_m_s2+pgv_m_s", "--correlation", "0.733")
-    wide, stated = (one["branches"][0] for one in (unstated, known))
+    wide, stated = (entry["branches"][0] for entry in (unstated, known))
     assert wide["survival"] == pytest.approx(stated["survival"])
     assert wide["survival_high"] - wide["survival_low"] > stated["survival_high"] - stated["survival_low"]
 
@@ -408,18 +408,18 @@ def test_the_events_with_their_new_weights_are_read_back_as_a_tree(rocks, events
     assert (
         len((tmp_path / "two" / "hazard_curve-mean-PGA.csv").read_text().splitlines()) == 4
     )  # two of them sites
-    told = told_by(rocks[0], "--hazard", events, *asked, "--site", "aa", "--out", out)
+    statement = told_by(rocks[0], "--hazard", events, *asked, "--site", "aa", "--out", out)
     shutil.unpack_archive(out / "openquake.zip", tmp_path / "one")
     again = told_by(rocks[0], "--hazard", tmp_path / "one", *asked)
-    for row, before in zip(again["branches"], told["branches"], strict=True):
+    for row, before in zip(again["branches"], statement["branches"], strict=True):
         assert row["prior_weight"] == pytest.approx(before["posterior_weight"], rel=1e-6)
     rates, found = (
         [
             row[name]
-            for row, full in zip(one["updated"], told["updated"], strict=True)
+            for row, full in zip(entry["updated"], statement["updated"], strict=True)
             if full["rate_posterior_mean"]
         ]
-        for one, name in ((told, "rate_posterior_mean"), (again, "rate_prior_mean"))
+        for entry, name in ((statement, "rate_posterior_mean"), (again, "rate_prior_mean"))
     )
     assert len(rates) > 10
     assert found == pytest.approx(rates, rel=0.05)
@@ -433,5 +433,5 @@ def test_a_spectral_acceleration_of_any_period_has_its_hazard(tmp_path):
     fields.write_text("event_id,SA(3.0) (g),annual_rate\n0,0.1,1e-3\n1,0.4,1e-4\n")
     for hazard in (curve, fields):
         for measure in ([], ["--measure", "sa_3s_m_s2"]):
-            told = told_by(rock, "--hazard", hazard, "--age", "300", *measure)
-            assert told["measure"] == "sa_3s_m_s2"
+            statement = told_by(rock, "--hazard", hazard, "--age", "300", *measure)
+            assert statement["measure"] == "sa_3s_m_s2"

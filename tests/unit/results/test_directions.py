@@ -35,9 +35,9 @@ def four():
 
 
 def test_the_share_of_a_sector_includes_its_bounds_and_leaves_out_jobs_without_an_answer(four):
-    told = sector_share(four, 122.5, 157.5)
-    assert (told["jobs"], told["toppled"], told["toppled_within"]) == (4, 3, 2)
-    assert told["share_of_jobs"] == pytest.approx(0.5)
+    result = sector_share(four, 122.5, 157.5)
+    assert (result["jobs"], result["toppled"], result["toppled_within"]) == (4, 3, 2)
+    assert result["share_of_jobs"] == pytest.approx(0.5)
     assert sector_share(four, 350.0, 10.0)["toppled_within"] == 1  # across azimuth zero
     assert sector_share(four, 0.0, 360.0)["share_of_toppled"] == 1.0
 
@@ -66,8 +66,8 @@ def under(answers, **values):
         [
             row(f"{static}-{kinetic}-{number}", record_id=f"R{number}", pgv_m_s=0.3, toppled=toppled,
                 friction_static=static, friction_kinetic=kinetic) | values
-            for (static, kinetic), told in answers.items()
-            for number, toppled in enumerate(told)
+            for (static, kinetic), answer in answers.items()
+            for number, toppled in enumerate(answer)
         ]
     )  # fmt: skip
 
@@ -102,10 +102,10 @@ def test_jobs_are_paired_once_however_many_kinetic_frictions_there_are():
 
 @pytest.mark.parametrize("column", [name for name in CONTACT_COLUMNS if not name.startswith("friction")])
 def test_what_is_no_friction_is_never_pooled_when_frictions_are_compared(column):
-    one = under(ANSWERS)
-    other = under({pair: [True] * len(told) for pair, told in ANSWERS.items()})
-    two = pd.concat([one.assign(**{column: 0.1}), other.assign(**{column: 0.2})])
+    single = under(ANSWERS)
+    other = under({pair: [True] * len(answer) for pair, answer in ANSWERS.items()})
+    two = pd.concat([single.assign(**{column: 0.1}), other.assign(**{column: 0.2})])
     compared = {name: (table, pairs) for name, table, pairs in compare_frictions(two, PLANES["pga_pgv"])}
     assert len(compared) == 2
-    assert [told["reference_probability"].tolist() for told, _ in compared.values()] == [[1 / 3], [1.0]]
-    assert [told["pairs"].tolist() for _, told in compared.values()] == [[3], [3]]
+    assert [entry["reference_probability"].tolist() for entry, _ in compared.values()] == [[1 / 3], [1.0]]
+    assert [entry["pairs"].tolist() for _, entry in compared.values()] == [[3], [3]]

@@ -110,7 +110,7 @@ def lacking(name):
         ("a.json", '{"curves": [{"measure": "pga_m_s2", "median": -1, "beta": 0.4}]}'),
         ("a.csv", "measure,median\npga_m_s2,x\n"),
         ("a.txt", ""),
-        *(each for name in CURVE for each in lacking(name)),
+        *(value for name in CURVE for value in lacking(name)),
         ("a.csv", "measure,median,beta\nPGA,0.4,0.5\n"),  # in a unit that nobody names
         (
             "a.csv",

@@ -64,10 +64,10 @@ T, S = True, False
 def test_answers_without_a_maximum_of_the_likelihood_give_bounds_and_no_number(
     values, toppled, problem, bounds
 ):
-    told = fit(tiny(values, toppled), ["pgv_m_s"])
-    assert told.problem.startswith(problem)
-    assert told.lognormal is None
-    assert bounds is None or told.bounds == pytest.approx(bounds)
+    result = fit(tiny(values, toppled), ["pgv_m_s"])
+    assert result.problem.startswith(problem)
+    assert result.lognormal is None
+    assert bounds is None or result.bounds == pytest.approx(bounds)
 
 
 def test_a_plane_that_separates_two_measures_is_found():
@@ -134,27 +134,27 @@ def test_rocks_of_the_same_records_are_drawn_together_and_of_other_records_by_th
 
 
 def test_scores_agree_with_their_definitions():
-    told = scores([True, False, True], [0.9, 0.2, 0.4])
-    assert told["brier"] == pytest.approx((0.01 + 0.04 + 0.36) / 3)
-    assert told["log_loss"] == pytest.approx(-(math.log(0.9) + math.log(0.8) + math.log(0.4)) / 3)
-    assert told["auc"] == 1.0
+    result = scores([True, False, True], [0.9, 0.2, 0.4])
+    assert result["brier"] == pytest.approx((0.01 + 0.04 + 0.36) / 3)
+    assert result["log_loss"] == pytest.approx(-(math.log(0.9) + math.log(0.8) + math.log(0.4)) / 3)
+    assert result["auc"] == 1.0
 
 
 def test_a_true_model_is_calibrated(jobs):
-    told = calibration(jobs, out_of_fold(jobs, ["pgv_m_s"]))
+    result = calibration(jobs, out_of_fold(jobs, ["pgv_m_s"]))
     # About 340 jobs a bin: a standard error of at most 0.027; four of them.
-    assert (told["predicted"] - told["observed"]).abs().max() < 0.11
-    assert told["jobs"].sum() == len(jobs)
+    assert (result["predicted"] - result["observed"]).abs().max() < 0.11
+    assert result["jobs"].sum() == len(jobs)
 
 
 def test_shares_are_weighted_means_with_the_effective_number_of_records_behind_them():
     frame = tiny([1.0, 1.0, 4.0], [True, True, False]).assign(record_weight=[1.0, 1.0, 2.0])
-    told = observed_fractions(frame, "pgv_m_s", bins=1).iloc[0]
-    assert told[["value", "probability"]].tolist() == pytest.approx([2.0, 0.5])
+    table = observed_fractions(frame, "pgv_m_s", bins=1).iloc[0]
+    assert table[["value", "probability"]].tolist() == pytest.approx([2.0, 0.5])
     # Kish: (1 + 1 + 2)^2 / (1 + 1 + 4) records.
     low, high = wilson(pd.Series([0.5]), pd.Series([16 / 6]))
-    assert (told["wilson_low"], told["wilson_high"]) == (low[0], high[0])
-    assert (told["jobs"], told["records"]) == (3, 3)
+    assert (table["wilson_low"], table["wilson_high"]) == (low[0], high[0])
+    assert (table["jobs"], table["records"]) == (3, 3)
 
 
 def test_a_lognormal_curve_and_its_inverse_agree():
@@ -167,9 +167,9 @@ def test_a_lognormal_curve_and_its_inverse_agree():
 
 def test_what_lies_below_the_weakest_shaking_is_stated_as_under_it():
     basis = Basis("rock", 90, 80, 30, 0, 8.0, weakest_shaken=2.0)
-    said = what_topples(Lognormal("pga_m_s2", 2.1, 0.4, basis, (1.2, 2.5)), "", single_base=False)
-    assert "2.1 m/s² (95 %: under 2 to 2.5)" in said
-    assert "with under 2 m/s² in one in twenty" in said
+    text = what_topples(Lognormal("pga_m_s2", 2.1, 0.4, basis, (1.2, 2.5)), "", single_base=False)
+    assert "2.1 m/s² (95 %: under 2 to 2.5)" in text
+    assert "with under 2 m/s² in one in twenty" in text
 
 
 def by_statsmodels(design, share, trials, link):

@@ -194,32 +194,32 @@ def test_a_run_takes_the_weights_of_its_ensemble(tmp_path):
     assert "record_weight" not in run.weighted(run.frame())
     (tmp_path / "ensemble").mkdir()
     names = ["R000", "R001", "R002", "unused"]
-    for weights, told in (([1.0, 1.0, 1.0, 1.0], None), ([0.1, 0.2, 0.3, 0.4], {0.5, 1.0, 1.5})):
+    for weights, want in (([1.0, 1.0, 1.0, 1.0], None), ([0.1, 0.2, 0.3, 0.4], {0.5, 1.0, 1.5})):
         catalogue = pa.table({"record_id": names, "weight": weights})
         pq.write_table(catalogue, tmp_path / "ensemble" / "catalog.parquet")
         frame = run.weighted(run.frame())
         found = set(frame["record_weight"].round(12)) if "record_weight" in frame else None
-        assert found == told
+        assert found == want
 
 
 @pytest.fixture
 def run(tmp_path):
     write_part(
-        tmp_path, [one | {"pgd_m": one["pgv_m_s"] / 3.0} for one in rows(records=20, levels=range(2, 20, 2))]
+        tmp_path, [r | {"pgd_m": r["pgv_m_s"] / 3.0} for r in rows(records=20, levels=range(2, 20, 2))]
     )
     return open_run(tmp_path)
 
 
 def test_counts_and_changes_are_those_of_the_rows(run):
-    told, known = unphysical_of(run), answered(run.frame())
+    table, known = unphysical_of(run), answered(run.frame())
     beyond = known["pgv_m_s"] > 3.0
-    assert (told.jobs, told.of_jobs) == (beyond.sum(), len(known))
-    assert (told.toppled, told.of_toppled) == (known["toppled"][beyond].sum(), known["toppled"].sum())
-    assert told.share == pytest.approx(known["toppled"].mean())
-    assert told.share_without == pytest.approx(known["toppled"][~beyond].mean())
+    assert (table.jobs, table.of_jobs) == (beyond.sum(), len(known))
+    assert (table.toppled, table.of_toppled) == (known["toppled"][beyond].sum(), known["toppled"].sum())
+    assert table.share == pytest.approx(known["toppled"].mean())
+    assert table.share_without == pytest.approx(known["toppled"][~beyond].mean())
     without = fit(known[~beyond].reset_index(drop=True), ["pga_m_s2"]).lognormal
-    assert told.median_pga_without_m_s2 == pytest.approx(without.median)
-    assert told.median_pga_m_s2 == pytest.approx(fit(known, ["pga_m_s2"]).lognormal.median)
+    assert table.median_pga_without_m_s2 == pytest.approx(without.median)
+    assert table.median_pga_m_s2 == pytest.approx(fit(known, ["pga_m_s2"]).lognormal.median)
 
 
 def test_a_run_within_nature_has_nothing_to_tell(run):
@@ -232,9 +232,9 @@ def test_no_median_is_told_of_rocks_together_nor_beyond_what_was_shaken(run):
     two = pd.concat([frame, frame.assign(scene_id="another")])
     assert unphysical_of(run, two).median_pga_m_s2 is None
     standing = frame[(frame["level_pga_m_s2"] < 5) | (frame["pgv_m_s"] > 3.0)]
-    told = unphysical_of(run, standing.assign(toppled=standing["toppled"] & (standing.index % 7 == 0)))
-    assert told.median_pga_m_s2 is None
-    assert "median" not in told.sentence
+    out = unphysical_of(run, standing.assign(toppled=standing["toppled"] & (standing.index % 7 == 0)))
+    assert out.median_pga_m_s2 is None
+    assert "median" not in out.sentence
 
 
 @pytest.mark.parametrize(
@@ -249,9 +249,9 @@ def test_what_is_not_known_is_not_beyond(factor, pgv_m_s, pgd_m, beyond):
 def test_weights_of_records_count(run):
     frame = run.frame()
     weighted = frame.assign(record_weight=1.0 + (frame["record_id"] == "R000"))
-    told, known = unphysical_of(run, weighted), pd.DataFrame(answered(weighted))
+    out, known = unphysical_of(run, weighted), pd.DataFrame(answered(weighted))
     expected = (known["toppled"] * known["record_weight"]).sum() / known["record_weight"].sum()
-    assert told.share == pytest.approx(expected)
+    assert out.share == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("known", [(), ("pga_m_s2", "sa_1s_m_s2")])

@@ -127,11 +127,11 @@ def test_a_first_segment_however_steep_gives_a_share():
 def test_what_a_curve_leaves_out_at_its_end_counts_as_toppling_where_it_is_continued():
     early = power_law(high=1.0)
     missing = (1 - ROCK.probability(1.0)) * early.annual_rate[-1]
-    told = toppling_rate([ROCK], continued(early, [ROCK]))
-    assert told == pytest.approx(toppling_rate([ROCK], early) + missing, rel=1e-9)
+    result = toppling_rate([ROCK], continued(early, [ROCK]))
+    assert result == pytest.approx(toppling_rate([ROCK], early) + missing, rel=1e-9)
 
 
 def test_rocks_of_which_one_never_topples_are_bounded_by_the_other():
-    one, never = Lognormal("pgv_m_s", 1.2, 0.4), Lognormal("pgv_m_s", math.inf, 0.0)
-    assert unexceeded([one, never]) == pytest.approx(unexceeded([one]), rel=1e-9)
+    first, never = Lognormal("pgv_m_s", 1.2, 0.4), Lognormal("pgv_m_s", math.inf, 0.0)
+    assert unexceeded([first, never]) == pytest.approx(unexceeded([first]), rel=1e-9)
     assert unexceeded([never, never]) == math.inf

@@ -116,17 +116,17 @@ def test_files_of_another_calculation_are_told_apart_by_their_checksum(tmp_path)
         read_events(tmp_path)
 
 
-@pytest.mark.parametrize(("told", "rate"), [({"event_rate": 1e-3}, 5e-4), ({"catalogue_years": 100}, 0.01)])
-def test_a_scenario_and_a_catalogue_whose_time_no_file_states_ask_for_their_rate(tmp_path, told, rate):
-    write_calculation(tmp_path, **({"unit": "g"} if "event_rate" in told else {}))
-    if "event_rate" in told:  # every event is of the year 0
+@pytest.mark.parametrize(("want", "rate"), [({"event_rate": 1e-3}, 5e-4), ({"catalogue_years": 100}, 0.01)])
+def test_a_scenario_and_a_catalogue_whose_time_no_file_states_ask_for_their_rate(tmp_path, want, rate):
+    write_calculation(tmp_path, **({"unit": "g"} if "event_rate" in want else {}))
+    if "event_rate" in want:  # every event is of the year 0
         events = (tmp_path / "events_1.csv").read_text()
         (tmp_path / "events_1.csv").write_text(re.sub(",[379],", ",0,", events))
     else:
         (tmp_path / "ruptures_1.csv").unlink()
     with refused("events.rate_missing"):
         read_events(tmp_path)
-    assert read_events(tmp_path, **told).branches[0].rate.tolist() == [rate, rate]
+    assert read_events(tmp_path, **want).branches[0].rate.tolist() == [rate, rate]
 
 
 @pytest.mark.parametrize(
@@ -199,8 +199,8 @@ def test_survival_is_that_of_poisson_events_over_each_rocks_own_age():
     ]
     old, young = (rock.fragility.probability(branch.motions["pga_m_s2"][:, rock.site]) for rock in rocks)
     exponent = branch.rate @ (120.0 * (1 - (1 - old) * (1 - young)) + 180.0 * old)
-    told = survival(rocks, branch, exposure(np.array([[300.0, 120.0]])))
-    assert told == pytest.approx(math.exp(-exponent))
+    out = survival(rocks, branch, exposure(np.array([[300.0, 120.0]])))
+    assert out == pytest.approx(math.exp(-exponent))
 
 
 def test_the_model_under_which_all_rocks_stand_is_ranked_first():
@@ -223,13 +223,13 @@ def test_the_model_under_which_all_rocks_stand_is_ranked_first():
 def test_a_rate_of_exceedance_is_stated_where_ten_events_support_it():
     branches = [a_branch(n, str(n), events=50, rate=1 / 500, strength=0.3 * (1 + n % 3)) for n in range(10)]
     update = Update([ROCK], a_set(*branches), exposure(joint_ages([parse_age("50")])))
-    (one,) = update.exceedances
+    (first,) = update.exceedances
     felt = np.sort(np.concatenate([branch.motions["pga_m_s2"][:, 0] for branch in branches]))[::-1]
-    assert set(one.levels) <= set(felt)  # order statistics
-    known = one.statistics(update.events.prior)
+    assert set(first.levels) <= set(felt)  # order statistics
+    known = first.statistics(update.events.prior)
     mean, median = known.mean, known.fractiles[0.5]
     assert np.nanmin(median) == pytest.approx(10 / 500)  # a fractile is one branch's
-    reached = np.array([(felt >= level).sum() for level in one.levels])
+    reached = np.array([(felt >= level).sum() for level in first.levels])
     np.testing.assert_allclose(mean[reached >= 10], reached[reached >= 10] / 5000)
     assert np.isnan(mean[reached < 10]).all()
     stated = update.changes["level_prior_mean"].notna()

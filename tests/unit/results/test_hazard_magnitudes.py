@@ -124,7 +124,7 @@ def test_the_effect_of_an_option_is_that_of_leaving_it_out(name, option, value):
     plain, other = (GroundMotionModel(name, "pgv_m_s", 500.0, **asked) for asked in ({}, {option: value}))
     rows = effects([other], motion_grid([other], [1.0]))
     (effect,) = (row for row in rows if row["value"].startswith(str(value)))
-    (before, sigma_before, _), (after, sigma, _) = (one.motion(6.5, 10.0) for one in (plain, other))
+    (before, sigma_before, _), (after, sigma, _) = (e.motion(6.5, 10.0) for e in (plain, other))
     assert effect["median_factor"] == pytest.approx(float(np.exp(after - before)))
     assert (effect["sigma"], effect["sigma_before"]) == pytest.approx((float(sigma), float(sigma_before)))
     assert (after, sigma) != (before, sigma_before)
@@ -281,7 +281,7 @@ def test_what_contradicts_itself_is_refused_before_anything_is_written(
     curves, faults, tmp_path, options, code
 ):
     out = tmp_path / "out"
-    done = magnitudes(curves, *(faults if one == "FAULTS" else one for one in options), "--out", str(out))
+    done = magnitudes(curves, *(faults if o == "FAULTS" else o for o in options), "--out", str(out))
     assert done.exit_code == code
     assert done.exception is not None
     assert not out.exists()

@@ -263,9 +263,9 @@ def test_nshmps_probabilities_are_told_from_rates_by_the_configuration_or_the_us
         read_hazard(table)
     with refused("hazard.time_missing"):
         read_hazard(table, hints=Hints(measure="pga_m_s2"))
-    told = read_tree(table, "pga_m_s2", "Site One", years=1.0)
+    result = read_tree(table, "pga_m_s2", "Site One", years=1.0)
     stated = read_tree(nshmp_output(tmp_path / "poisson", "POISSON_PROBABILITY"), "pga_m_s2", "Site One")
-    for tree in (told, stated):
+    for tree in (result, stated):
         assert value_at(tree, 0.05, G, 1.0) == pytest.approx(0.04)
     rates = read_tree(nshmp_output(tmp_path / "rates", "ANNUAL_RATE"), "pga_m_s2", "Site One").curves[0]
     assert rates.annual_rate[1] == pytest.approx(0.04)
@@ -326,7 +326,7 @@ def rlz(folder, number, poes=(0.5, 0.1, 0.01), site=(10.0, 45.0), checksum=7):
 
 
 @pytest.mark.parametrize(
-    ("values", "curves", "said"),
+    ("values", "curves", "stated"),
     [
         ((0.5, 0.4), [{}, {}], "hazard.weights_sum"),
         ((0.5, 0.5), [{}], "hazard.realisations_missing"),
@@ -339,12 +339,12 @@ def rlz(folder, number, poes=(0.5, 0.1, 0.01), site=(10.0, 45.0), checksum=7):
         (None, [{}, {}], "hazard.weights_missing"),
     ],
 )  # fmt: skip
-def test_a_tree_that_is_not_whole_is_refused_by_what_it_lacks(tmp_path, values, curves, said):
-    for number, told in enumerate(curves):
-        rlz(tmp_path, number, **told)
+def test_a_tree_that_is_not_whole_is_refused_by_what_it_lacks(tmp_path, values, curves, stated):
+    for number, curve in enumerate(curves):
+        rlz(tmp_path, number, **curve)
     if values:
         realisations(tmp_path, values)
-    with refused(said):
+    with refused(stated):
         read_hazard(tmp_path)
 
 

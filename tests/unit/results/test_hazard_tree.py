@@ -39,14 +39,14 @@ def mean(folder):
 
 
 def test_mean_and_fractiles_are_those_that_the_engine_prints(four, mean):
-    told = statistics(four)
+    out = statistics(four)
     np.testing.assert_allclose(
-        probability_of(told.mean, 50), probability_of(mean.rates, 50), rtol=1e-6, atol=1e-12
+        probability_of(out.mean, 50), probability_of(mean.rates, 50), rtol=1e-6, atol=1e-12
     )
     assert sorted(four.fractiles) == [0.05, 0.16, 0.5, 0.84, 0.95]
     for q, curve in four.fractiles.items():
         np.testing.assert_allclose(
-            probability_of(told.fractiles[q], 50), probability_of(curve.rates, 50), rtol=1e-6, atol=1e-12
+            probability_of(out.fractiles[q], 50), probability_of(curve.rates, 50), rtol=1e-6, atol=1e-12
         )
 
 
@@ -69,23 +69,23 @@ def curve(*poes, name="branch", years=50.0):
 def test_certain_and_impossible_levels_and_branches_without_any_event_count_in_the_mean_of_probabilities():
     certain, impossible, quiet = curve(1.0, 0.5, 0.1), curve(0.6, 0.2, 0.0), curve(0.0, 0.0, 0.0)
     branches = (Branch("a", 0.25, certain), Branch("b", 0.25, impossible), Branch("quiet", 0.5, quiet))
-    told = statistics(HazardTree("pga_m_s2", branches))
-    np.testing.assert_allclose(probability_of(told.mean, 50.0), [0.4, 0.175, 0.025])
+    out = statistics(HazardTree("pga_m_s2", branches))
+    np.testing.assert_allclose(probability_of(out.mean, 50.0), [0.4, 0.175, 0.025])
     assert toppling_rate([Lognormal("pga_m_s2", 1.0, 0.3)], quiet) == 0.0
 
 
 def test_branches_at_other_levels_are_interpolated_where_all_have_rates():
     x = np.array([1.0, 2.0, 4.0, 8.0])
-    one, other = (HazardCurve(n, "pga_m_s2", at, 1e-2 * at**-2.0) for n, at in (("a", x), ("b", x[1:] / 1.5)))
-    told = statistics(HazardTree("pga_m_s2", (Branch("a", 0.4, one), Branch("b", 0.6, other))))
-    assert (told.levels[0], told.levels[-1]) == pytest.approx((2 / 1.5, 8 / 1.5))
-    np.testing.assert_allclose(told.mean, 1e-2 * told.levels**-2.0)
+    a, b = (HazardCurve(n, "pga_m_s2", at, 1e-2 * at**-2.0) for n, at in (("a", x), ("b", x[1:] / 1.5)))
+    out = statistics(HazardTree("pga_m_s2", (Branch("a", 0.4, a), Branch("b", 0.6, b))))
+    assert (out.levels[0], out.levels[-1]) == pytest.approx((2 / 1.5, 8 / 1.5))
+    np.testing.assert_allclose(out.mean, 1e-2 * out.levels**-2.0)
 
 
 def test_fractiles_without_branches_are_told_before_and_unknown_after(folder):
     tree = chosen_tree(read_hazard(folder), "sa_1s_m_s2", PLACES[0], "tree")
     rock = Standing("rock", Lognormal("sa_1s_m_s2", 3.0, 0.4))
-    told = Update.of_curves([rock], tree, exposure(joint_ages([parse_age("10000")]))).updated.iloc[10]
-    assert told["rate_prior_p05"] < told["rate_prior_mean"] < told["rate_prior_p95"]
-    assert told["rate_posterior_mean"] == told["rate_prior_mean"]
-    assert math.isnan(told["rate_posterior_p05"])
+    table = Update.of_curves([rock], tree, exposure(joint_ages([parse_age("10000")]))).updated.iloc[10]
+    assert table["rate_prior_p05"] < table["rate_prior_mean"] < table["rate_prior_p95"]
+    assert table["rate_posterior_mean"] == table["rate_prior_mean"]
+    assert math.isnan(table["rate_posterior_p05"])

@@ -15,7 +15,7 @@ from toppling.results.hazard.survival import any_topples, topples
 PGA, PGV = "pga_m_s2", "pgv_m_s"
 RHO = 0.733
 SCATTER = 0.65 * math.sqrt(1 - RHO**2)
-SURFACES = [Surface((PGA, PGV), one) for one in ((1.0, 1.2, 2.5), (0.0, 0.5, 3.0), (-3.0, 3.0, 1.0))]
+SURFACES = [Surface((PGA, PGV), value) for value in ((1.0, 1.2, 2.5), (0.0, 0.5, 3.0), (-3.0, 3.0, 1.0))]
 
 
 def of_earthquakes(rate, mean_pga, sigma_pga, mean_pgv, sigma_pgv):
@@ -105,7 +105,7 @@ def test_full_correlation_ties_the_measures_by_their_rates():
 def test_the_true_joint_rate_lies_between_those_of_the_readings(surface, sigma, many):
     """Of one earthquake or of many, by models of small and large residuals."""
     rate, mean_pga, sigma_pga, mean_pgv, _ = (
-        one[slice(None) if many else slice(0, 1)] for one in seismicity()
+        entry[slice(None) if many else slice(0, 1)] for entry in seismicity()
     )
     quakes = (rate, mean_pga, sigma_pga, mean_pgv, np.full(len(rate), sigma))
     curves = of_earthquakes(*quakes)

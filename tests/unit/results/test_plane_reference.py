@@ -61,8 +61,8 @@ def test_a_section_is_shaken_by_the_records_that_are_asked_for_only(tmp_path):
         Record.of(name, full_sine(1.0, period)) for name, period in (("A", 0.5), ("B", 1.0), ("C", 2.0))
     ]
     ensemble = Ensemble.write(tmp_path, records)
-    told = simulate(Scene.block(0.2, 0.2, 0.6), ensemble, ["A", "C"], [2.0, 30.0], [0.0])
-    assert sorted(zip(told["record_id"], told["pga_m_s2"], told["toppled"], strict=True)) == [
+    result = simulate(Scene.block(0.2, 0.2, 0.6), ensemble, ["A", "C"], [2.0, 30.0], [0.0])
+    assert sorted(zip(result["record_id"], result["pga_m_s2"], result["toppled"], strict=True)) == [
         ("A", 2.0, False), ("A", 30.0, True), ("C", 2.0, False), ("C", 30.0, True),
     ]  # fmt: skip
 

@@ -64,10 +64,10 @@ def test_separated_answers_leave_the_curve_a_spread(jobs, seed):
 
 
 def test_one_job_a_record_has_no_pairs_and_copies_of_it_add_nothing_to_what_records_tell():
-    one = independent(200)
-    alone = fit_curve(one)
+    first = independent(200)
+    alone = fit_curve(first)
     assert np.abs(alone.pairs).max() < 1e-12
-    four = Answers(*(np.repeat(part, 4) for part in (one.log_x, one.toppled, one.record, one.weight)))
+    four = Answers(*(np.repeat(part, 4) for part in (first.log_x, first.toppled, first.record, first.weight)))
     copied = fit_curve(four)
     score = Target().score
     single, together = (sum(curve.variances(score)) for curve in (alone, copied))
@@ -88,8 +88,8 @@ def test_weights_count_as_copies():
 def test_targets_are_numbers_of_the_curve():
     curve = SimpleNamespace(coefficients=np.array([-math.log(2.0) / 0.5, 1.0 / 0.5]))
     for name, p in (("median", 0.5), ("p05", 0.05), ("p95", 0.95)):
-        told = Target(name).value(Target(name).score(curve.coefficients))
-        assert told == pytest.approx(2.0 * math.exp(0.5 * norm.ppf(p)))
+        result = Target(name).value(Target(name).score(curve.coefficients))
+        assert result == pytest.approx(2.0 * math.exp(0.5 * norm.ppf(p)))
     at = Target("probability", "pgv_m_s", intensity=2.0)
     assert at.value(at.score(curve.coefficients)) == pytest.approx(0.5)
     # Under a power law of exponent k the rate is k0 median^-k exp(k^2 beta^2 / 2).
@@ -101,9 +101,9 @@ def test_targets_are_numbers_of_the_curve():
 
 def test_a_probability_is_stated_to_a_precision_in_its_own_unit():
     target = Target("probability", "pgv_m_s", intensity=1.5)
-    told = estimate(fit_curve(independent(400)), target, 400)
-    assert told.precision == pytest.approx(0.5 * (told.high - told.low))
-    assert 0.0 < told.low < told.value < told.high < 1.0
+    result = estimate(fit_curve(independent(400)), target, 400)
+    assert result.precision == pytest.approx(0.5 * (result.high - result.low))
+    assert 0.0 < result.low < result.value < result.high < 1.0
 
 
 def test_records_and_cells_come_once_before_any_comes_again_and_no_job_twice(bench):
@@ -118,11 +118,11 @@ def test_records_and_cells_come_once_before_any_comes_again_and_no_job_twice(ben
 
 def test_a_round_depends_on_the_answers_before_it_alone(bench):
     pool, ask = bench.synthetic(2)
-    one, other = (bench.play(pool, ask, Target(), 0.1, 5) for _ in range(2))
-    assert one.chosen.tolist() == other.chosen.tolist()
+    single, other = (bench.play(pool, ask, Target(), 0.1, 5) for _ in range(2))
+    assert single.chosen.tolist() == other.chosen.tolist()
     again = Rounds(pool, Target(), 0.1, 5)
     again.advance(None)
-    first = one.chosen[:FIRST_ROUND].tolist()
+    first = single.chosen[:FIRST_ROUND].tolist()
     assert again.chosen.tolist() == first
     assert bench.play(pool, ask, Target(), 0.1, 6).chosen[:FIRST_ROUND].tolist() != first
 
@@ -153,18 +153,18 @@ def with_plateau(bench, seed):
 @pytest.mark.thorough
 def test_of_lognormal_campaigns_at_most_one_in_twenty_is_said_to_be_none(bench):
     plays = [bench.play(*bench.synthetic(seed), Target(), 0.1, seed) for seed in range(60)]
-    assert sum(one.verdict.departure is not None for one in plays) <= 3
+    assert sum(play.verdict.departure is not None for play in plays) <= 3
 
 
 @pytest.mark.thorough
 def test_most_campaigns_that_are_no_lognormal_say_so_and_by_how_much(bench):
     plays = [bench.play(*with_plateau(bench, seed), Target(), 0.1, seed) for seed in range(10)]
-    told = [one for one in plays if one.verdict.departure is not None]
+    result = [play for play in plays if play.verdict.departure is not None]
     # Nine in ten do of 60 campaigns.
-    assert len(told) >= 7
-    found = told[0].verdict.departure
+    assert len(result) >= 7
+    found = result[0].verdict.departure
     assert abs(found.observed - found.expected) > 0.02
-    stated = design.statement_of(told[0], told[0].judged, 140, {})
+    stated = design.statement_of(result[0], result[0].judged, 140, {})
     assert stated["sentence"].count("the curve is not lognormal: ") == 1
     assert f"{100 * found.observed:.0f} % of {found.jobs} jobs topple" in stated["sentence"]
     assert stated["departure"]["p_value"] == found.p_value
@@ -178,10 +178,10 @@ def test_levels_that_do_not_reach_the_curve_are_said_to_be_too_weak(bench):
         log_x = pool.log_x["pgv_m_s"][record, level]
         return {"pgv_m_s": Answers(log_x, np.zeros(len(chosen)), record, np.ones(len(chosen)))}
 
-    told = bench.play(pool, standing, Target(), 0.1, 1).verdict
-    assert (told.ended, told.estimate) == (True, None)
-    assert "no job" in told.reason
-    assert "stronger levels" in told.reason
+    result = bench.play(pool, standing, Target(), 0.1, 1).verdict
+    assert (result.ended, result.estimate) == (True, None)
+    assert "no job" in result.reason
+    assert "stronger levels" in result.reason
 
 
 @pytest.mark.slow
@@ -191,8 +191,8 @@ def test_the_stated_interval_holds_in_19_of_20_synthetic_campaigns(bench, beta, 
         bench.play(*bench.synthetic(seed, beta=beta, of_records=of_records), Target(), 0.1, seed)
         for seed in range(500)
     ]
-    told = bench.line(plays, bench.MEDIAN_M_S, beta)
+    result = bench.line(plays, bench.MEDIAN_M_S, beta)
     # 500 campaigns at .95 lie within .93 and .97 nineteen times in twenty.
-    assert 0.93 <= told["held"] <= 0.98
-    assert abs(told["lean"]) < 0.01
-    assert abs(told["beta over true"] - 1.0) < 0.06
+    assert 0.93 <= result["held"] <= 0.98
+    assert abs(result["lean"]) < 0.01
+    assert abs(result["beta over true"] - 1.0) < 0.06

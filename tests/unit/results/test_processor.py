@@ -16,12 +16,12 @@ from toppling.results.store import compact, write_part
 
 
 def test_the_processor_and_its_kernels_are_known_here_and_no_part_of_an_answer():
-    told = processor()
-    assert {describe(SCHEMA.field(name))["group"] for name in told} == {"provenance"}
-    assert set(told) == {"cpu", "kernels"} < set(ADDED_LATER)
-    assert told["cpu"]
-    assert re.fullmatch(r"BLAS \S.*, LLVM \S+", told["kernels"])
-    assert "unknown" not in told["kernels"]
+    result = processor()
+    assert {describe(SCHEMA.field(name))["group"] for name in result} == {"provenance"}
+    assert set(result) == {"cpu", "kernels"} < set(ADDED_LATER)
+    assert result["cpu"]
+    assert re.fullmatch(r"BLAS \S.*, LLVM \S+", result["kernels"])
+    assert "unknown" not in result["kernels"]
 
 
 def test_another_kernel_of_blas_is_seen():

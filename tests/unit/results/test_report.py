@@ -34,8 +34,8 @@ def test_fewer_than_ten_topplings_bear_no_curve_and_no_ranking(tmp_path):
     ]
     write_part(tmp_path, jobs)
     content, document = Content(open_run(tmp_path), 5), Document()
-    (told,) = SECTIONS["Fits"](content, document)
-    assert "Too few topplings: 9 of 24 jobs" in told
+    (result,) = SECTIONS["Fits"](content, document)
+    assert "Too few topplings: 9 of 24 jobs" in result
     assert (document.figures, document.tables) == (0, 0)
     assert content.statement is None
 
@@ -51,14 +51,14 @@ def test_a_run_without_answers_has_no_page(tmp_path):
 @pytest.mark.thorough
 @pytest.mark.parametrize(("share", "beyond"), [(0.8, True), (3.0, False)])
 def test_the_first_sentence_states_a_median_only_within_what_was_shaken(tmp_path, share, beyond):
-    told = rows(records=40, azimuths=(0.0, 90.0, 180.0))
-    write_part(tmp_path, [one for one in told if one["pgv_m_s"] < share * THETA_M_S])
+    result = rows(records=40, azimuths=(0.0, 90.0, 180.0))
+    write_part(tmp_path, [entry for entry in result if entry["pgv_m_s"] < share * THETA_M_S])
     content = Content(open_run(tmp_path), samples=5)
     curve = content.chief.headline
-    said = " ".join(first_screen(content, Document())["answers"])
+    text = " ".join(first_screen(content, Document())["answers"])
     assert (curve.median > curve.strongest_shaken) == beyond
-    assert ("beyond what was run" in said) == beyond
-    assert (f"{curve.median:.3g}" in said) != beyond
+    assert ("beyond what was run" in text) == beyond
+    assert (f"{curve.median:.3g}" in text) != beyond
 
 
 @pytest.fixture(scope="module")
@@ -96,11 +96,11 @@ def unfinished(tmp_path_factory):
     planned = planned_in(folder, [0.5 + 0.02 * n for n in range(12)], name="R{:03d}", **axes)
     prepare(folder / "run", planned, {})
     specs = {(spec.record_id, spec.pga_m_s2): spec for spec in map(planned.spec, range(len(planned)))}
-    told = []
+    result = []
     for values in rows(records=9, levels=LEVELS, azimuths=(0.0,)):
         spec = specs[values["record_id"], values["level_pga_m_s2"]]
-        told.append({**values, "job_id": spec.job_id, "scene_id": spec.scene_id})
-    write_part(folder / "run", told)
+        result.append({**values, "job_id": spec.job_id, "scene_id": spec.scene_id})
+    write_part(folder / "run", result)
     return folder / "run"
 
 
@@ -115,10 +115,10 @@ def test_the_report_its_methods_and_its_figures_say_it_first(unfinished):
 def test_fragility_says_it_first_and_its_curves_keep_it(unfinished, drawn_alone, tmp_path):
     drawn_alone("pga_pgv", "directions", "fits")
     asked = ["fragility", str(unfinished), "--fit", "--samples", "4", "--out", str(tmp_path)]
-    said = CliRunner().invoke(cli, asked, catch_exceptions=False).stdout
-    assert said.startswith(f"{unfinished} is unfinished: {REMARK}\n")
-    assert said.count("\n") < 25, "the figures are counted, not listed"
-    assert "NaN" not in said
+    text = CliRunner().invoke(cli, asked, catch_exceptions=False).stdout
+    assert text.startswith(f"{unfinished} is unfinished: {REMARK}\n")
+    assert text.count("\n") < 25, "the figures are counted, not listed"
+    assert "NaN" not in text
     for suffix in (".csv", ".json", ".xml"):
         curve = read_curves(tmp_path / "fits" / f"curves{suffix}")["pgv_m_s"]
         assert (curve.basis.jobs_planned, curve.basis.jobs_done, curve.basis.records) == (36, 27, 9)
@@ -138,9 +138,9 @@ def test_rows_that_were_stored_and_are_not_there_are_said_to_be_lost(unfinished,
     document.pop("digest")
     document["sessions"] = [{"ended": "interrupted", "done": 27}]
     (copy / "run.json").write_text(json.dumps(document))
-    told = "36 of 36 jobs have no row here, and 27 were stored"
-    assert open_run(copy).completeness().remark.startswith(told)
-    assert state_of(copy)["unfinished"].startswith(told)
+    result = "36 of 36 jobs have no row here, and 27 were stored"
+    assert open_run(copy).completeness().remark.startswith(result)
+    assert state_of(copy)["unfinished"].startswith(result)
     answer = CliRunner().invoke(cli, ["constrain", str(copy)])
     assert answer.exception.code == "run.no_answers"
 

@@ -51,9 +51,9 @@ def atlas(tmp_path_factory):
     for name, width in (("firm", 0.3), ("silent", 0.26), ("weak", 0.2)):
         Scene.block(width, 0.25, 0.8).save(place / "scenes" / name)
     document = place / "scenes" / "weak" / "scene.json"
-    told = digest.read_json(document)
+    read = digest.read_json(document)
     digest.write_json(
-        document, {**told, "origin_m": [EAST_M, NORTH_M, 0.0], "report": {"files": [{"epsg": CODE}]}}
+        document, {**read, "origin_m": [EAST_M, NORTH_M, 0.0], "report": {"files": [{"epsg": CODE}]}}
     )
     (place / "sites.csv").write_text(
         "scene,site,longitude,latitude,ensemble,age\nscenes/firm,Echo,-117.5,34.25,,20000\nscenes/weak,Lion,,,own,\n"
@@ -91,13 +91,13 @@ def placed(atlas, copy, **places):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize(("weak", "site", "told"), [
+@pytest.mark.parametrize(("weak", "site", "want"), [
     ((178.02, -38.66), None, "scenes/weak lie 1"),
     ((-117.4, 34.3), (-119.0, 34.3), "the hazard's site lie 1"),
     ((-117.4, 34.3), (-117.5, 34.2), None),
     ((-117.4, 34.3), None, None),
 ])  # fmt: skip
-def test_rocks_and_curves_of_one_hazard_stand_within_its_reach(atlas, tmp_path, weak, site, told):
+def test_rocks_and_curves_of_one_hazard_stand_within_its_reach(atlas, tmp_path, weak, site, want):
     run = placed(atlas, tmp_path / "run", firm=(-117.5, 34.25), weak=weak)
     curve = "PGA (g),annual_rate\n0.1,1e-2\n0.3,1e-3\n1.0,1e-5\n"
     if site:
@@ -108,9 +108,9 @@ def test_rocks_and_curves_of_one_hazard_stand_within_its_reach(atlas, tmp_path, 
     (tmp_path / "hazard.csv").write_text(curve)
     asked = ["constrain", str(run), "--age", "20000", "--measure", "pga_m_s2"]
     answer = CliRunner().invoke(cli, [*asked, "--hazard", str(tmp_path / "hazard.csv")])
-    assert (answer.exit_code == 0) == (told is None)
-    if told:
-        assert told in str(answer.exception)
+    assert (answer.exit_code == 0) == (want is None)
+    if want:
+        assert want in str(answer.exception)
     bare = CliRunner().invoke(cli, asked).output
     assert ("km apart, and are taken to have felt the same events" in bare) == (weak[0] > 0)
 
@@ -142,13 +142,13 @@ def test_a_fit_to_what_is_shared_rests_on_nothing_else(atlas):
 
 
 def test_a_place_is_that_of_the_table_or_of_the_scans_coordinate_system(compared):
-    told = geojson(compared[0])
-    points = {one["properties"]["rock"]: one["geometry"]["coordinates"] for one in told["features"]}
+    out = geojson(compared[0])
+    points = {f["properties"]["rock"]: f["geometry"]["coordinates"] for f in out["features"]}
     assert points["firm"] == [-117.5, 34.25]
     # 20 km west of the central meridian (117 W) at 34.07 N: 20 km / (111.32 km cos) = .217 degrees; UTM's scale .9996.
     assert points["weak"] == pytest.approx([-117.2169, 34.07], abs=2e-3)
     assert set(points) == {"firm", "weak"}
-    assert json.dumps(told, allow_nan=False)
+    assert json.dumps(out, allow_nan=False)
 
 
 def test_the_map_of_scenarios_holds_every_rock_also_one_far_from_the_others():
@@ -164,16 +164,16 @@ def test_directions_of_toppling_are_lines_of_the_lengths_and_bearings_that_they_
     toward = np.random.default_rng(5).uniform(0.0, 360.0, 200)
     jobs = pd.DataFrame({"toppled": True, "falls_toward_deg": toward})
     lines = directions_geojson([replace(rock, jobs=jobs) for rock in compared[0]])["features"]
-    assert {one["properties"]["rock"] for one in lines} == {"firm", "weak"}
+    assert {line["properties"]["rock"] for line in lines} == {"firm", "weak"}
     for name in ("firm", "weak"):
-        told = [one["properties"] for one in lines if one["properties"]["rock"] == name]
-        assert sum(one["share_of_toppled"] for one in told) == pytest.approx(1.0)
-    for one in lines:
-        (start, end), told = one["geometry"]["coordinates"], one["properties"]
+        out = [line["properties"] for line in lines if line["properties"]["rock"] == name]
+        assert sum(e["share_of_toppled"] for e in out) == pytest.approx(1.0)
+    for line in lines:
+        (start, end), out = line["geometry"]["coordinates"], line["properties"]
         forward, _, away_m = Geod(ellps="WGS84").inv(*start, *end)
-        assert away_m == pytest.approx(told["length_m"], rel=0.01)  # seven digits are a centimetre
+        assert away_m == pytest.approx(out["length_m"], rel=0.01)  # seven digits are a centimetre
         # The grid of the zone turns by .12 degrees at 20 km from its meridian; short lines are rounded.
-        off = (forward - told["falls_toward_bearing_deg"] + 180.0) % 360.0 - 180.0
+        off = (forward - out["falls_toward_bearing_deg"] + 180.0) % 360.0 - 180.0
         assert abs(off) < 0.2 + np.rad2deg(0.02 / away_m)
         assert away_m <= ARROW_M * 1.01
 

@@ -19,11 +19,11 @@ from toppling.results.store import attempts_with, compact, finished_ids, result_
 
 def test_every_column_has_a_unit_or_is_no_quantity_and_says_what_it_means():
     for field in SCHEMA:
-        told = describe(field)
-        assert told["group"] in GROUPS
-        assert told["description"]
+        result = describe(field)
+        assert result["group"] in GROUPS
+        assert result["description"]
         quantity = pa.types.is_floating(field.type) or pa.types.is_integer(field.type)
-        assert bool(told["unit"]) == (quantity or pa.types.is_timestamp(field.type)), field.name
+        assert bool(result["unit"]) == (quantity or pa.types.is_timestamp(field.type)), field.name
 
 
 def test_a_run_compacts_to_one_row_a_job_in_order(tmp_path):
@@ -94,12 +94,12 @@ def test_a_job_to_be_done_again_is_finished_only_by_a_newer_attempt(tmp_path):
 
 
 def test_torn_and_foreign_files_are_named_and_skipped(tmp_path, caplog):
-    kept = write_part(tmp_path, [row("a")])
-    torn = kept.with_name("part-torn.parquet")
-    torn.write_bytes(kept.read_bytes()[:-100])
-    foreign = kept.with_name("part-foreign.parquet")
+    remaining = write_part(tmp_path, [row("a")])
+    torn = remaining.with_name("part-torn.parquet")
+    torn.write_bytes(remaining.read_bytes()[:-100])
+    foreign = remaining.with_name("part-foreign.parquet")
     pq.write_table(pa.table({"job_id": [1]}), foreign)
-    kept.with_name(".part-unfinished.parquet.1.tmp").write_bytes(b"")
+    remaining.with_name(".part-unfinished.parquet.1.tmp").write_bytes(b"")
     with caplog.at_level(logging.WARNING):
         assert finished_ids(tmp_path) == {"a"}
     assert str(torn) in caplog.text
@@ -153,14 +153,14 @@ def test_results_without_a_column_of_the_schema_are_refused_not_read_as_null(tmp
 
 
 def test_a_damaged_part_is_skipped_and_the_writer_sets_it_aside(tmp_path, caplog):
-    victim, kept = write_part(tmp_path, [row("a")]), write_part(tmp_path, [row("b")])
+    victim, remaining = write_part(tmp_path, [row("a")]), write_part(tmp_path, [row("b")])
     flip(victim, at=victim.stat().st_size - 300)
     with caplog.at_level(logging.WARNING):
         assert finished_ids(tmp_path) == {"b"}
         assert victim.exists()  # who only reads renames nothing
         assert finished_ids(tmp_path, frozenset("ab")) == {"b"}
     assert caplog.text.count("its bytes do not have its digest") == 2
-    assert sorted(path.name for path in (tmp_path / "parts").iterdir()) == [f"_{victim.name}", kept.name]
+    assert sorted(path.name for path in (tmp_path / "parts").iterdir()) == [f"_{victim.name}", remaining.name]
     write_part(tmp_path, [row("a")])
     assert finished_ids(tmp_path) == {"a", "b"}
 

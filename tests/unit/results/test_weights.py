@@ -31,8 +31,8 @@ CONTACT = (1.0, 1.0, 0.0)
 
 
 def weights_of(*weights):
-    each = np.array(weights, float)
-    return Weights({CONTACT: each / each.mean()}, "the rock stood quake", evidence={"shakes": 8})
+    entry = np.array(weights, float)
+    return Weights({CONTACT: entry / entry.mean()}, "the rock stood quake", evidence={"shakes": 8})
 
 
 def on_bases(count=2, **how):
@@ -47,7 +47,7 @@ def test_each_base_is_shaken_as_often_and_from_all_sides_where_a_motions_orienta
     feet = [
         np.array([[x, y, 0.0] for x in (-w, w) for y in (-0.2, 0.2)]) for w in np.linspace(0.06, 0.15, 16)
     ]
-    bases = UnseenBase(0.05, tuple(BaseDraw(each) for each in feet))
+    bases = UnseenBase(0.05, tuple(BaseDraw(v) for v in feet))
     replace(Scene.block(0.15, 0.2, 0.6), unseen=bases).save(tmp_path / "scene")
     given = [
         Record.of(f"P{n}", ricker(2.0, 1.0 + n, 0.01), component_azimuths_deg=azimuths_deg) for n in range(2)
@@ -158,10 +158,10 @@ def test_constraint_map_query_and_page_of_a_run_agree_on_its_weights(weighted_ru
     weights_of(17.0, 1.0).write(weighted_run)
     run = open_run(weighted_run)
     jobs = run.weighted(run.frame())
-    told = json.loads(CliRunner().invoke(cli, ["constrain", str(weighted_run), "--json"]).stdout)
+    read = json.loads(CliRunner().invoke(cli, ["constrain", str(weighted_run), "--json"]).stdout)
     fitted = fit(answered(jobs), ["pgv_m_s"])
-    assert told["rocks"][0]["median"] == pytest.approx(fitted.lognormal.median)
-    (base,) = told["stood"]
+    assert read["rocks"][0]["median"] == pytest.approx(fitted.lognormal.median)
+    (base,) = read["stood"]
     assert base["effective_bases"] == pytest.approx(18.0**2 / (17.0**2 + 1.0))
     assert base["weights"] == pytest.approx({"0": 17.0 / 9.0, "1": 1.0 / 9.0})
     assert base["median_shift_percent"] > 5.0  # without what it stood, the weak base counts as much
@@ -181,7 +181,7 @@ QUAKE, OTHER = (Record.of(name, ricker(1.0, 1.0, along)) for name, along in (("q
 
 def weights_by(*records):
     evidence = {
-        "records": [one.record_id for one in records], "shas": [one.sha for one in records],
+        "records": [r.record_id for r in records], "shas": [r.sha for r in records],
         "azimuths_unknown": ["other"] if OTHER in records else [], "shakes": 8,
     }  # fmt: skip
     return by_evidence({CONTACT: np.array([1.5, 0.5])}, evidence)
@@ -190,10 +190,10 @@ def weights_by(*records):
 def shakes(stands, record="quake"):
     table = [
         row(
-            f"{record}-{base}-{number}", record_id=record, base=base, toppled=None if one is None else not one
+            f"{record}-{base}-{number}", record_id=record, base=base, toppled=None if out is None else not out
         )
         for base, answers in enumerate(stands)
-        for number, one in enumerate(answers)
+        for number, out in enumerate(answers)
     ]
     return pd.DataFrame(table).astype({"toppled": "boolean"})
 
@@ -205,9 +205,9 @@ def test_a_weight_is_the_jeffreys_mean_of_standing_over_its_mean():
 
 
 def test_over_motions_chances_are_multiplied_and_no_weight_becomes_0():
-    one, many = shakes([[True] * 8, [False] * 8]), []
+    first, many = shakes([[True] * 8, [False] * 8]), []
     for number in range(400):
-        many.append(one.assign(record_id=f"quake {number}"))
+        many.append(first.assign(record_id=f"quake {number}"))
     twice = weights_by_contact(pd.concat(many[:2]), 2)[CONTACT]
     assert twice[0] / twice[1] == pytest.approx(17.0**2)
     assert (weights_by_contact(pd.concat(many), 2)[CONTACT] > 0.0).all()

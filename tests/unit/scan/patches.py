@@ -12,7 +12,7 @@ LEVEL = Interface(np.zeros(3), np.array([0.0, 0.0, 1.0]), np.eye(3), 0.0)
 
 def wall(corner, along, up, normal):
     across, rise = np.linalg.norm(along), np.linalg.norm(up)
-    s, t = np.meshgrid(*(np.arange(0.5 * VOXEL_M, each, VOXEL_M) / each for each in (across, rise)))
+    s, t = np.meshgrid(*(np.arange(0.5 * VOXEL_M, value, VOXEL_M) / value for value in (across, rise)))
     points = np.asarray(corner) + s.reshape(-1, 1) * np.asarray(along) + t.reshape(-1, 1) * np.asarray(up)
     return points, np.tile(normal, (len(points), 1)).astype(float)
 
@@ -58,16 +58,16 @@ BLOCK = box((-0.25, -0.25, 0.0), (0.25, 0.25, 1.0))
 
 def face(u, v, origin, normal, step_m=0.012):
     """Patches of a rectangle, so many metres along two axes from a corner."""
-    a, b = np.meshgrid(*(np.arange(0.0, np.linalg.norm(each), step_m) for each in (u, v)))
-    ways = [np.asarray(each) / np.linalg.norm(each) for each in (u, v)]
-    points = np.asarray(origin) + a.reshape(-1, 1) * ways[0] + b.reshape(-1, 1) * ways[1]
+    a, b = np.meshgrid(*(np.arange(0.0, np.linalg.norm(value), step_m) for value in (u, v)))
+    directions = [np.asarray(value) / np.linalg.norm(value) for value in (u, v)]
+    points = np.asarray(origin) + a.reshape(-1, 1) * directions[0] + b.reshape(-1, 1) * directions[1]
     return points, np.tile(np.asarray(normal, float) / np.linalg.norm(normal), (len(points), 1))
 
 
 def level(half_m, step_m, height_m=0.0):
     """Points (n, 3) of a level square about the origin."""
     along = np.arange(-half_m, half_m, step_m)
-    x, y = (each.ravel() for each in np.meshgrid(along, along))
+    x, y = (grid.ravel() for grid in np.meshgrid(along, along))
     return np.column_stack([x, y, np.full(len(x), height_m)])
 
 

@@ -6,7 +6,7 @@ import shutil
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from refusals import refused, tells
+from refusals import refused, states
 
 from toppling.models.errors import InputError
 from toppling.models.files.digest import seal_archive
@@ -34,7 +34,7 @@ def described(folder):
 def bearable(scene):
     """A pull toward 40 degrees that half of the drawn bases bear."""
     table = described(scene)["report"]["unseen_base"]["toppling"]
-    row = min(table, key=lambda each: abs(each["azimuth_deg"] - 220.0))
+    row = min(table, key=lambda value: abs(value["azimuth_deg"] - 220.0))
     return row["median_m_s2"] / 9.81
 
 
@@ -65,10 +65,10 @@ def test_a_later_hint_gives_the_scene_of_a_scan_with_it_from_the_start(stump, ro
 
 
 def test_a_refused_hint_leaves_the_scene_as_it_was(rock):
-    before = {each.name: each.read_bytes() for each in (rock).iterdir()}
+    before = {path.name: path.read_bytes() for path in (rock).iterdir()}
     done = CliRunner().invoke(main, ["scan", "--again", str(rock), "--touch", "9,9,9"])
     assert done.exit_code == 1
-    assert {each.name: each.read_bytes() for each in (rock).iterdir()} == before
+    assert {path.name: path.read_bytes() for path in (rock).iterdir()} == before
 
 
 @pytest.mark.parametrize("option", ["--near 1 2", "--plane 0 0 0 5 N40E", "--units mm", "--point 1,2,3"])
@@ -110,14 +110,14 @@ def other(rock, later):
 def test_a_file_of_another_scene_is_refused_by_name(rock, other, tmp_path, name):
     mixed = shutil.copytree(rock, tmp_path / "mixed")
     shutil.copyfile(other / name, mixed / name)
-    before = {each.name: each.read_bytes() for each in mixed.iterdir()}
+    before = {path.name: path.read_bytes() for path in mixed.iterdir()}
     verbs = [["scan", "--again", str(mixed), "--pull", "N50E", "0.01"]]
     if name not in (WORKED_OUT, LABELS):
         verbs.append(["scene", "show", str(mixed), "--out", str(tmp_path / "shown")])
     for verb in verbs:
         done = CliRunner().invoke(main, verb)
-        tells(str(done.exception), "scene.file_foreign", name)
-    assert {each.name: each.read_bytes() for each in mixed.iterdir()} == before
+        states(str(done.exception), "scene.file_foreign", name)
+    assert {path.name: path.read_bytes() for path in mixed.iterdir()} == before
 
 
 @pytest.mark.thorough
@@ -130,13 +130,13 @@ def test_hints_of_another_scan_say_nothing_of_this_one_and_in_place_it_is_replac
     assert done.exit_code == 0, done.output
     assert set(read_hints(mixed / HINTS)) == {"pull"}
     assert described(mixed)["id"] == described(later)["id"]
-    assert [each.name for each in tmp_path.iterdir()] == ["mixed"]  # nothing is left beside it, hidden or not
+    assert [path.name for path in tmp_path.iterdir()] == ["mixed"]  # nothing is left beside it, hidden or not
 
 
 def test_hints_survive_their_file(tmp_path):
-    said = {"units": "mm", "near": [1.5, 2.0], "plane": [1.0, 2.0, 3.0, 5.0, 50.0], "pull": [[40.0, 0.21]]}
-    (tmp_path / HINTS).write_text(hints_text(said))
-    assert read_hints(tmp_path / HINTS) == said
+    hints = {"units": "mm", "near": [1.5, 2.0], "plane": [1.0, 2.0, 3.0, 5.0, 50.0], "pull": [[40.0, 0.21]]}
+    (tmp_path / HINTS).write_text(hints_text(hints))
+    assert read_hints(tmp_path / HINTS) == hints
     (tmp_path / HINTS).write_text("neer = [1, 2]\n")
     with refused("hint.unknown", "'near'"):
         read_hints(tmp_path / HINTS)
@@ -175,12 +175,12 @@ def test_everything_said_comes_back_from_its_file(monkeypatch, tmp_path):
     points = ["a,0,0,0,1,2,3", "b,1,0,0,2,2,3", "c,0,1,0,1,3,3"]
     (tmp_path / "gcp.csv").write_text("\n".join(points))
     (tmp_path / "outline.csv").write_text("\n".join(",".join(map(str, row)) for row in SAID["outline"]))
-    said = stated_hints(
+    hints = stated_hints(
         SAID | {"gcp": tmp_path / "gcp.csv", "outline": tmp_path / "outline.csv"},
         inspection_of(None, **of_base(SAID)),
     )
-    assert json.loads(json.dumps(said)) == said
-    write_hints(tmp_path / HINTS, said)
+    assert json.loads(json.dumps(hints)) == hints
+    write_hints(tmp_path / HINTS, hints)
     (tmp_path / "gcp.csv").unlink()  # what the files held is kept
     (tmp_path / "outline.csv").unlink()
     assert asked(monkeypatch, "--hints", tmp_path / HINTS) == SAID | {"gcp": points}

@@ -93,9 +93,9 @@ def long(make, code):
 )  # fmt: skip
 def test_a_cloud_without_a_rock_that_stands_is_refused(tmp_path, stump, make, where, code):
     files = [write(tmp_path / f"station{k}.xyz", points) for k, points in enumerate(make(stump))]
-    said = refusal(tmp_path, files)
-    assert said.code == code
-    assert where in said.where
+    message = refusal(tmp_path, files)
+    assert message.code == code
+    assert where in message.where
 
 
 def test_a_place_beside_which_nothing_stands_names_no_rock(stump):
@@ -105,15 +105,15 @@ def test_a_place_beside_which_nothing_stands_names_no_rock(stump):
 
 def views(*points):
     """A cloud of one file a view, each a station, as they are read."""
-    files = tuple((f"station{k}", len(each)) for k, each in enumerate(points))
-    station = np.repeat(np.arange(len(points), dtype=np.int32), [len(each) for each in points])
+    files = tuple((f"station{k}", len(point)) for k, point in enumerate(points))
+    station = np.repeat(np.arange(len(points), dtype=np.int32), [len(point) for point in points])
     return Cloud(np.concatenate(points), np.zeros(3), station, files)
 
 
 def sides_of_a_strip(stump):
     """The first two show the two sides of a strip, which only the third shows: as it is, none overlaps another."""
     third = stump[0][0] + np.array([1000.0, 2000.0, 100.0])
-    first, second = (third[way * (third[:, 0] - 1000.0) > 0.3] for way in (-1.0, 1.0))
+    first, second = (third[value * (third[:, 0] - 1000.0) > 0.3] for value in (-1.0, 1.0))
     return [first, second, third / 0.3048]
 
 

@@ -34,7 +34,7 @@ def side(gap_deg=0.0, rim_m=0.0):
     """Points of a round rock's side that leans outward from its base, unseen over an angle, above a rim's height."""
     turn = np.deg2rad(np.arange(gap_deg, 360.0, np.rad2deg(SPACING_M / RADIUS_M)))
     up = rim_m + np.arange(0.0, 0.06 * HEIGHT_M, 0.5 * SPACING_M)
-    turn, up = (each.ravel() for each in np.meshgrid(turn, up))
+    turn, up = (grid.ravel() for grid in np.meshgrid(turn, up))
     out = RADIUS_M + 0.6 * up
     return np.column_stack([out * np.cos(turn), out * np.sin(turn), up])
 
@@ -133,11 +133,11 @@ NEAR, FAR = 0.0, -1e4
 def test_no_rim_rules_a_rough_base_or_a_rounded_one_out(rough, rounded):
     """Their priors miss some bases: one is 1e4 units of likelihood away, and keeps a fifth of the weight."""
     likelihood = {"flat": FAR, "rough": rough, "rounded": rounded}
-    gaps = [GapDraw(np.zeros(3), each, 0, kind, each) for kind, each in likelihood.items()]
-    shares = fractions_by_evidence(gaps)
-    assert sum(shares.values()) == pytest.approx(1.0)
-    assert shares["flat"] == 0.0
-    assert 0.2 < min(shares["rough"], shares["rounded"]) < 0.3
+    gaps = [GapDraw(np.zeros(3), value, 0, kind, value) for kind, value in likelihood.items()]
+    fractions = fractions_by_evidence(gaps)
+    assert sum(fractions.values()) == pytest.approx(1.0)
+    assert fractions["flat"] == 0.0
+    assert 0.2 < min(fractions["rough"], fractions["rounded"]) < 0.3
 
 
 def test_a_rim_that_tells_nothing_leaves_kinds_as_likely_as_before():
@@ -147,16 +147,16 @@ def test_a_rim_that_tells_nothing_leaves_kinds_as_likely_as_before():
 
 def test_a_rim_tells_shapes_of_one_kind_apart_as_little_as_kinds_and_standing_in_full():
     """Errors of neighbouring places of a rim are not independent: its likelihood counts to the power 0.15."""
-    seen = [GapDraw(np.zeros(3), each, 0, "rounded", each) for each in (0.0, -10.0)]
+    seen = [GapDraw(np.zeros(3), value, 0, "rounded", value) for value in (0.0, -10.0)]
     first, second = mixed_weights(seen, {"rounded": 1.0})
     assert second / first == pytest.approx(np.exp(-1.5))
-    cost = [GapDraw(np.zeros(3), each, 0, "rounded", 0.0) for each in (0.0, -2.0)]
+    cost = [GapDraw(np.zeros(3), value, 0, "rounded", 0.0) for value in (0.0, -2.0)]
     first, second = mixed_weights(cost, {"rounded": 1.0})
     assert second / first == pytest.approx(np.exp(-2.0))
 
 
 def test_one_draw_of_overwhelming_weight_does_not_silence_the_others_of_its_kind():
-    gaps = [GapDraw(np.zeros(3), each, 0, "rough", 0.0) for each in (0.0, *np.linspace(-500.0, -100.0, 39))]
+    gaps = [GapDraw(np.zeros(3), value, 0, "rough", 0.0) for value in (0.0, *np.linspace(-500.0, -100.0, 39))]
     assert effective_number(mixed_weights(gaps, {"rough": 1.0})) == pytest.approx(EFFECTIVE_SHARE * len(gaps))
 
 

@@ -23,7 +23,7 @@ def sides_of(half_m, low_m, high_m, middle_m=(0.0, 0.0), pitch_m=VOXEL_M):
     for turn in range(4):
         away, wide = half_m[[turn % 2, 1 - turn % 2]]
         along = np.arange(-wide + 0.5 * pitch_m, wide, pitch_m)
-        across, up = (each.ravel() for each in np.meshgrid(along, np.arange(low_m, high_m, pitch_m)))
+        across, up = (g.ravel() for g in np.meshgrid(along, np.arange(low_m, high_m, pitch_m)))
         c, s = round(np.cos(turn * np.pi / 2)), round(np.sin(turn * np.pi / 2))
         points.append(np.column_stack([c * away - s * across, s * away + c * across, up]))
         normals.append(np.tile([c, s, 0.0], (len(up), 1)))
@@ -51,15 +51,15 @@ def ground(below, on_slabs=False):
     deep = np.abs(points[:, :2])
     under = (deep < HALF_M).all(axis=1)
     foot = (deep[:, : 1 if on_slabs else 2] > HALF_M - FOOT_M).all(axis=1) & under
-    kept = ~foot if below else ~under
-    return points[kept]
+    mask = ~foot if below else ~under
+    return points[mask]
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(("feet_of", "sole_m2"), [(feet, 4.0 * FOOT_M**2), (slabs, 4.0 * FOOT_M * HALF_M)])
 def test_a_block_on_feet_is_as_heavy_as_without_what_lies_between_them(feet_of, sole_m2):
     points, normals = (
-        np.vstack(each) for each in zip(sides_of(HALF_M, CLEAR_M, HEIGHT_M), top(), *feet_of(), strict=True)
+        np.vstack(v) for v in zip(sides_of(HALF_M, CLEAR_M, HEIGHT_M), top(), *feet_of(), strict=True)
     )
     block = Surfels(points, normals, np.zeros(len(points)), VOXEL_M)
     rock, pedestal = np.vstack([places for places, _ in feet_of(0.006)]), ground(True, feet_of is slabs)
@@ -92,7 +92,7 @@ def test_what_was_not_seen_bulges_sideways_no_farther_than_a_corner_may_and_not_
 
 
 def plate(corner, u, v):
-    s, t = (np.arange(0.5, np.linalg.norm(way) / VOXEL_M) * VOXEL_M / np.linalg.norm(way) for way in (u, v))
+    s, t = (np.arange(0.5, np.linalg.norm(w) / VOXEL_M) * VOXEL_M / np.linalg.norm(w) for w in (u, v))
     return (corner + s[:, None, None] * np.array(u) + t[None, :, None] * np.array(v)).reshape(-1, 3)
 
 

@@ -27,7 +27,7 @@ HEIGHT_M, BASE_M = 1.5, 0.7
 
 def ledges(left_deg, right_deg, reach_m=0.8):
     """Two facets that meet in x = 0, rising outward by so many degrees over a reach."""
-    left, right = (math.tan(math.radians(each)) for each in (left_deg, right_deg))
+    left, right = (math.tan(math.radians(angle_deg)) for angle_deg in (left_deg, right_deg))
     return lambda x, y: np.where(x < 0.0, left * np.minimum(-x, reach_m), right * np.minimum(x, reach_m))
 
 
@@ -78,7 +78,7 @@ def cloud_on(height_at, seed=1, resolution_per_height=0.009):
     return virtual.cloud_of(stations, virtual.DEMO_ORIGIN_M)[0]
 
 
-def carried(points_m):
+def surface(points_m):
     parts = segment(points_m, virtual.DEMO_ORIGIN_M)
     rock = parts.surfel_label == ROCK
     return pedestal_surface(parts.surfels, rock, float(np.ptp(parts.surfels.points_m[rock, 2])))
@@ -104,7 +104,7 @@ def off_m(interface, places_m):
 def test_facets_are_carried_within_a_degree_and_three_millimetres(left, right, truth_on):
     height_at = ledges(left, right)
     stations = virtual.scan_around(truth_on(height_at), 1, stations=4, resolution_per_height=0.014)
-    interface = carried(virtual.cloud_of(stations, virtual.DEMO_ORIGIN_M)[0].points_m)
+    interface = surface(virtual.cloud_of(stations, virtual.DEMO_ORIGIN_M)[0].points_m)
     assert off_m(interface, below_the_base(height_at)).max() < 0.003
     slopes = (interface.normals(interface.flat(below_the_base(height_at))) @ interface.axes.T)[:, :2]
     on_left = below_the_base(height_at)[:, 0] < -0.03  # a node or more from the crease
@@ -117,7 +117,7 @@ def test_facets_are_carried_within_a_degree_and_three_millimetres(left, right, t
 @pytest.mark.parametrize("radius_m", [2.0, 3.0])  # of 3 m it stays within .01 of the height of a plane
 def test_dome_is_carried_within_a_centimetre(radius_m):
     height_at = dome(radius_m)
-    interface = carried(cloud_on(height_at, resolution_per_height=0.012).points_m)
+    interface = surface(cloud_on(height_at, resolution_per_height=0.012).points_m)
     assert interface.sheet.how == "curve"
     assert off_m(interface, below_the_base(height_at)).max() < 0.01
 
@@ -158,14 +158,14 @@ def test_facet_with_a_tenth_of_the_points_keeps_its_say():
     height_at = ledges(0, 15)
     points = cloud_on(height_at).points_m
     few = (points[:, 0] < 0.0) | (np.arange(len(points)) % 10 == 0)
-    interface = carried(points[few])
+    interface = surface(points[few])
     assert off_m(interface, below_the_base(height_at)).max() < 0.01
     assert interface.roughness_m > 0.01  # a description: the plane through both, and how far they leave it
 
 
 @pytest.mark.thorough
 def test_flat_pedestal_stays_a_plane():
-    assert carried(cloud_on(lambda x, y: 0.05 * x, resolution_per_height=0.012).points_m) is None
+    assert surface(cloud_on(lambda x, y: 0.05 * x, resolution_per_height=0.012).points_m) is None
 
 
 def tipped_in_truth_m_s2(height_at, azimuths_deg, truth_on=truth_on):
@@ -175,8 +175,8 @@ def tipped_in_truth_m_s2(height_at, azimuths_deg, truth_on=truth_on):
     base = rock.vertices_m[on_surface] - rock.com_m
     ring = base[ConvexHull(base[:, :2]).vertices]
     moved = np.cross(ring, np.roll(ring, -1, axis=0) - ring)
-    ways = np.radians(azimuths_deg)
-    over = -moved[:, :1] * np.cos(ways) - moved[:, 1:2] * np.sin(ways)
+    directions = np.radians(azimuths_deg)
+    over = -moved[:, :1] * np.cos(directions) - moved[:, 1:2] * np.sin(directions)
     return np.where(over > 0.0, 9.81 * moved[:, 2:] / np.where(over > 0.0, over, 1.0), np.inf).min(axis=0)
 
 
@@ -184,7 +184,7 @@ def tipped_in_truth_m_s2(height_at, azimuths_deg, truth_on=truth_on):
 @pytest.mark.parametrize("ends_deg", [(15, 15), (30, 30), (0, -30), (-30, -30)])
 def test_a_base_that_fits_its_facets_tips_over_the_edges_of_its_outline(ends_deg):
     height_at, azimuths_deg = ledges(*ends_deg), np.arange(0.0, 360.0, 45.0)
-    left, right = (math.tan(math.radians(each)) for each in ends_deg)
+    left, right = (math.tan(math.radians(end_deg)) for end_deg in ends_deg)
     how = "hollow" if sum(ends_deg) > 0 else "ridge"
     planes = np.array([[0.0, -left, 0.0], [0.0, right, 0.0]])
     sheet = Sheet(planes, how, np.zeros((0, 3)), np.zeros(2), 0.0, 0.025)
@@ -212,10 +212,10 @@ def test_scan_over_a_surface_holds_the_truth(height_at, settles_deg, tmp_path):
     scene = result.scene
     assert not scene.ground.is_plane
     stated = scene.report["unseen_base"]["toppling"][::3]
-    true = tipped_in_truth_m_s2(height_at, [each["azimuth_deg"] for each in stated])
+    true = tipped_in_truth_m_s2(height_at, [entry["azimuth_deg"] for entry in stated])
     holds = [e["low_m_s2"] <= t <= e["high_m_s2"] for e, t in zip(stated, true, strict=True)]
     assert np.mean(holds) >= 0.75  # of eight azimuths of one rock
-    least = [min(each[name] for each in stated) for name in ("low_m_s2", "high_m_s2")]
+    least = [min(entry[name] for entry in stated) for name in ("low_m_s2", "high_m_s2")]
     assert least[0] <= true.min() <= least[1]
     again = Scene.load(save_survey(result, tmp_path / "rock"))
     assert again.id == scene.id
@@ -237,6 +237,6 @@ def test_scan_of_a_block_on_four_feet_in_a_groove_holds_the_truth():
     # No station sees the block's underside: at most half of the gap below it, .027 m3, is closed as rock.
     assert truth.rock.volume_m3 < scene.rock.volume_m3 < truth.rock.volume_m3 + 0.5 * 0.027
     stated = scene.report["unseen_base"]["toppling"]
-    true = tipped_in_truth_m_s2(height_at, [each["azimuth_deg"] for each in stated], on_four_feet)
-    holds = [each["low_m_s2"] <= t <= each["high_m_s2"] for each, t in zip(stated, true, strict=True)]
+    true = tipped_in_truth_m_s2(height_at, [entry["azimuth_deg"] for entry in stated], on_four_feet)
+    holds = [entry["low_m_s2"] <= t <= entry["high_m_s2"] for entry, t in zip(stated, true, strict=True)]
     assert np.mean(holds) >= 0.9

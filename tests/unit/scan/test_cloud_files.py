@@ -229,14 +229,14 @@ LEFT_OUT = [
 """What was not measured: the writer, the points that were, how many were not, and what is said of them."""
 
 
-@pytest.mark.parametrize(("name", "write", "kept", "count", "said"), LEFT_OUT)
-def test_what_a_scanner_did_not_measure_is_left_out_and_counted(tmp_path, name, write, kept, count, said):
+@pytest.mark.parametrize(("name", "write", "want", "count", "stated"), LEFT_OUT)
+def test_what_a_scanner_did_not_measure_is_left_out_and_counted(tmp_path, name, write, want, count, stated):
     write(tmp_path / name)
     cloud = read_clouds([tmp_path / name])
-    np.testing.assert_allclose(cloud.points_m + cloud.origin_m, kept, atol=1e-6)
-    assert (cloud.sources[0].left_out, cloud.files[0][1]) == (count, len(kept))
+    np.testing.assert_allclose(cloud.points_m + cloud.origin_m, want, atol=1e-6)
+    assert (cloud.sources[0].left_out, cloud.files[0][1]) == (count, len(want))
     assert f"{count} points " in cloud.sources[0].note
-    assert said in cloud.sources[0].note
+    assert stated in cloud.sources[0].note
     if name == "cloud.ptx":
         assert np.bincount(cloud.station).tolist() == [900, 600]
     if name == "cloud.xyz":  # the step of single precision is no wider for a mark's size
@@ -251,19 +251,19 @@ def test_points_that_the_user_deleted_or_classed_as_noise_are_not_read(tmp_path,
         tmp_path / f"cloud{suffix}", points, version=version, withheld=count % 4 == 0,
         point_source_id=7 + (count >= 700), classification=np.select([count % 8 == 1, count % 8 == 3], [7, 18], 2),
     )  # fmt: skip
-    kept = (count % 4 == 2) | (count % 8 > 4) & (count % 4 != 0)
+    mask = (count % 4 == 2) | (count % 8 > 4) & (count % 4 != 0)
     cloud = read_clouds([path, path])
-    first = int(kept.sum())
+    first = int(mask.sum())
     assert cloud.files == ((path.name, first), (path.name, first))
-    np.testing.assert_allclose(cloud.points_m[:first] + cloud.origin_m, points[kept], atol=1e-4)
-    assert cloud.station.tolist() == [*(count[kept] >= 700), *(2 + (count[kept] >= 700))]
+    np.testing.assert_allclose(cloud.points_m[:first] + cloud.origin_m, points[mask], atol=1e-4)
+    assert cloud.station.tolist() == [*(count[mask] >= 700), *(2 + (count[mask] >= 700))]
     assert cloud.sources[0].left_out == len(count) - first
     assert f"{len(count) - first} points are withheld or classed as noise" in cloud.sources[0].note
 
 
 @pytest.mark.parametrize("step", [0.0005, 0.002, 0.01, 0.1])
 def test_steps_are_seen_in_whatever_format_and_through_a_pose_that_turns(tmp_path, step):
-    points, turned = ((each / step).round() * step for each in (POINTS_M, SCAN[0]))
+    points, turned = ((v / step).round() * step for v in (POINTS_M, SCAN[0]))
     las(tmp_path / "cloud.las", points, step / 10.0)  # a fine scale brings back nothing
     text(tmp_path / "cloud.xyz", points)
     e57(tmp_path / "cloud.e57", [(points - SHIFT_M, *STILL)], scale=step, translation="", rotation="")
@@ -320,7 +320,7 @@ REFUSED = {
     "file.truncated": [
         *(("few.ply", partial(ascii_ply, count=n)) for n in (10**15, 4000)),
         ("cut.pcd", cut_pcd(write_ascii=False)), ("cut.pcd", cut_pcd(write_ascii=True)),
-        *(("many.laz", with_count(*each)) for each in ((107, "1.2"), (100, "1.2"), (100, "1.4"), (243, "1.4"))),
+        *(("many.laz", with_count(*e)) for e in ((107, "1.2"), (100, "1.2"), (100, "1.4"), (243, "1.4"))),
         ("many.ptx", content(f"999999999\n9\n{ORIGIN}{UNIT}")),
         ("few.ptx", content(f"2\n1\n{ORIGIN}1 0 0 0\n0 1 0 0\n0 0 1 0\n5 5 5 1\n1 2 3 .5\n" + "\n" * 40)),
     ],
@@ -378,8 +378,8 @@ def test_a_file_that_is_no_cloud_in_metres_is_refused_by_name(tmp_path, code, na
 
 
 @pytest.mark.parametrize(
-    ("height_m", "volume_m3", "told"),
+    ("height_m", "volume_m3", "want"),
     [(14.05, 583.0, 0), (46.1, 20586.0, 1), (46.1, 583.0, 1), (20.0, 6000.0, 1)],
 )
-def test_sizes_that_no_known_rock_has_are_told(height_m, volume_m3, told):
-    assert bool(too_large(height_m, volume_m3)) == told
+def test_sizes_that_no_known_rock_has_are_told(height_m, volume_m3, want):
+    assert bool(too_large(height_m, volume_m3)) == want

@@ -47,7 +47,7 @@ NAMED, OTHER_UNIT = "cloud.columns_unknown", "coordinates.unit_not_metres"
 
 
 @pytest.mark.parametrize(
-    ("header", "told"),
+    ("header", "expected"),
     [
         ("Latitude,Longitude,Ellipsoidal height", "coordinates.in_degrees"),
         ("lat,lon,height,id", "coordinates.in_degrees"),
@@ -64,16 +64,16 @@ NAMED, OTHER_UNIT = "cloud.columns_unknown", "coordinates.unit_not_metres"
         )),
     ],
 )  # fmt: skip
-def test_a_header_that_names_no_place_in_metres_is_refused(tmp_path, header, told):
+def test_a_header_that_names_no_place_in_metres_is_refused(tmp_path, header, expected):
     columns = {2: 3, 3: 4, 4: 4, 5: 6}.get(header.split("\n")[0].count(","), 3)
     path = written(tmp_path / "cloud.csv", header, np.hstack([ROWS, POINTS_M])[:, :columns])
-    with refused(told) as error:
+    with refused(expected) as error:
         read(path)
     assert "cloud.csv" in error.value.where
 
 
 @pytest.mark.parametrize(
-    ("rows", "told", "header"),
+    ("rows", "expected", "header"),
     [
         (np.hstack([NUMBER % 500, POINTS_M[:, (1, 0, 2)]]), "cloud.columns_out_of_order", "id,y,x,z"),
         (POINTS_M[:, (1, 0, 2)], "cloud.columns_out_of_order", "y,x,z"),
@@ -83,10 +83,10 @@ def test_a_header_that_names_no_place_in_metres_is_refused(tmp_path, header, tol
     ids=["easting as height", "northing first", "count", "from 1", "from 5001", "times"],
 )  # fmt: skip
 def test_columns_that_are_no_place_are_refused_until_the_header_says_what_they_are(
-    tmp_path, rows, told, header
+    tmp_path, rows, expected, header
 ):
     path = written(tmp_path / "cloud.xyz", "", rows, " ")
-    with refused(told) as error:
+    with refused(expected) as error:
         read(path)
     assert header in error.value.remedy
     np.testing.assert_allclose(read(written(path, header.replace(",", " "), rows, " ")), POINTS_M, atol=1e-3)
@@ -113,8 +113,8 @@ def text(form, decimal=".", points=POINTS_M):
 BLANKS, COMMAS = text("{} {} {}\n"), text("{},{},{}\n")
 PLAIN, LINES = BLANKS.encode(), BLANKS.splitlines()
 CELLS = text("{},{},{},\n").splitlines()
-SCANS = "\n".join(f"{len(each)}\n" + body(each, " ").replace("\n", " -12 90 90 90\n").strip()
-                  for each in np.split(POINTS_M, [500, 900]))  # fmt: skip
+SCANS = "\n".join(f"{len(value)}\n" + body(value, " ").replace("\n", " -12 90 90 90\n").strip()
+                  for value in np.split(POINTS_M, [500, 900]))  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -136,7 +136,7 @@ def test_what_programs_put_around_the_points_changes_none_of_them(tmp_path, name
 
 
 @pytest.mark.parametrize(
-    ("content", "told"),
+    ("content", "expected"),
     [
         (b"", "cloud.too_few_points"), (b"1 2 3\n4 5 6\n", "cloud.too_few_points"),
         (b"this,is,not\na,point,cloud\n", "cloud.too_few_points"), (b"1 2 nan\n" * 2000, "cloud.too_few_points"),
@@ -148,18 +148,18 @@ def test_what_programs_put_around_the_points_changes_none_of_them(tmp_path, name
         (b"1.#IND 1.#IND 1.#IND\n" * 99, ""), (PLAIN + b"1.#QNAN 0.0 0.0\n", ""),
     ],
 )  # fmt: skip
-def test_text_that_is_no_cloud_of_plain_numbers_is_refused(tmp_path, content, told):
+def test_text_that_is_no_cloud_of_plain_numbers_is_refused(tmp_path, content, expected):
     path = tmp_path / "cloud.xyz"
     path.write_bytes(content)
     with pytest.raises(InputError) as error:
         read(path)
-    assert error.value.code == told or not told
+    assert error.value.code == expected or not expected
 
 
 @settings(max_examples=30)
 @given(
     st.lists(st.floats(-9e4, 9e4).map(lambda x: round(x, 3)), min_size=3, max_size=3),
-    st.sampled_from([("{},{},{}\n", "."), *(each for each in TEXTS.values() if "17" not in each[0])]),
+    st.sampled_from([("{},{},{}\n", "."), *(entry for entry in TEXTS.values() if "17" not in entry[0])]),
 )
 def test_points_anywhere_come_back_from_their_text(tmp_path_factory, middle, dialect):
     """With a header, which leaves no doubt of which column is which."""

@@ -80,7 +80,7 @@ def test_the_face_of_a_cliff_below_the_rock_stays_the_pedestals():
     ground = sheet(0.0)
     ground[ground[:, 0] > 0.4, 2] -= 0.12
     across, up = (
-        each.ravel() for each in np.meshgrid(np.arange(-0.3, 0.3, 0.01), np.arange(-0.11, 0.0, 0.01))
+        grid.ravel() for grid in np.meshgrid(np.arange(-0.3, 0.3, 0.01), np.arange(-0.11, 0.0, 0.01))
     )
     face = np.column_stack([np.full(len(across), 0.4), across, up])
     label = judged(side(0.01, 2.0), np.concatenate([face, ground]), level_at(0.0))

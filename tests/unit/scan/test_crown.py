@@ -49,7 +49,7 @@ def closed(name):
     height_m = truth.rock.height_m
     surfels, _, _ = patches_around(cloud.points_m, cloud.points_m[cloud.label == ROCK], height_m)
     own = label_surfels(surfels, cloud.points_m, cloud.label) == ROCK
-    rock, pedestal = (cloud.points_m[cloud.label == each] for each in (ROCK, PEDESTAL))
+    rock, pedestal = (cloud.points_m[cloud.label == value] for value in (ROCK, PEDESTAL))
     low, lit = near_the_interface(rock, pedestal, height_m)
     base = hidden_base(NearInterface(rock[low], pedestal[lit], height_m))
     return truth.rock, surfels.only(own), close_rock(surfels, own, base, PLANE)

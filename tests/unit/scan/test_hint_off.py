@@ -32,7 +32,7 @@ def column_on_the_slope(bumps_m=0.0):
     return surfels, np.arange(len(normals)) >= len(ground)
 
 
-def told(hint):
+def warned(hint):
     surfels, rock = column_on_the_slope()
     ground, side = surfels.points_m[~rock], surfels.points_m[rock]
     side = side[side[:, 2] < 0.3]
@@ -44,9 +44,9 @@ def told(hint):
 
 
 def test_a_true_interface_and_none_are_not_doubted():
-    assert told(None) is None
-    assert told(InterfaceHint.plane(np.zeros(3), DIP_DEG, TOWARD_DEG)) is None
-    assert told(InterfaceHint.plane([0.0, 0.0, 0.01], DIP_DEG + 0.5, TOWARD_DEG)) is None
+    assert warned(None) is None
+    assert warned(InterfaceHint.plane(np.zeros(3), DIP_DEG, TOWARD_DEG)) is None
+    assert warned(InterfaceHint.plane([0.0, 0.0, 0.01], DIP_DEG + 0.5, TOWARD_DEG)) is None
 
 
 @pytest.mark.parametrize(
@@ -58,13 +58,13 @@ def test_a_true_interface_and_none_are_not_doubted():
     ],
 )
 def test_how_far_a_wrong_one_lies_off_is_told_with_the_plane_that_was_seen(hint, low_m, high_m):
-    sentence = told(hint).sentence
+    sentence = warned(hint).sentence
     lies = sentence.partition("beside it lies ")[2].split()
     assert (float(lies[0]), float(lies[2])) == pytest.approx((low_m, high_m), abs=0.003)
     x, y, z, dip_deg, toward_deg = map(float, sentence.partition("--plane ")[2].split())
     assert (dip_deg, toward_deg) == (DIP_DEG, TOWARD_DEG)
     seen = InterfaceHint.plane(np.array([x, y, z]) - ORIGIN_M, dip_deg, toward_deg)
-    assert told(seen) is None
+    assert warned(seen) is None
 
 
 def pointed_at(off_m, away=1.1):
@@ -90,9 +90,9 @@ def test_places_clicked_off_a_plane_pedestal_give_way_to_it_by_much_or_little(sh
     assert seen.interface.normal == pytest.approx(NORMAL, abs=1e-6)
     assert seen.interface.flat(on_the_slope(np.zeros(1), np.zeros(1)))[0, 2] == pytest.approx(0.0, abs=1e-6)
     assert seen.kind == hint.kind
-    said = points_text(hint, seen.interface)
-    assert f"{-0.05 * share:.2g} to {0.06 * share:+.2g} m" in said
-    assert "dips by 4.0 degrees toward N30E" in said
+    text = points_text(hint, seen.interface)
+    assert f"{-0.05 * share:.2g} to {0.06 * share:+.2g} m" in text
+    assert "dips by 4.0 degrees toward N30E" in text
 
 
 def test_true_places_near_each_other_tell_less_of_the_plane_below_the_foot_than_what_was_seen():

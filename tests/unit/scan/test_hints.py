@@ -67,9 +67,9 @@ def drawn_with(column, *pulls, **known):
 @pytest.mark.thorough
 def test_a_pull_that_no_drawn_base_bears_is_told_with_what_they_bear(column, few_candidates):
     known = Inspection(pulls=((30.0, 2.0),))
-    (told,) = pulls_beyond(drawn_with(column, *known.pulls), known)
-    assert (told["azimuth_deg"], told["ratio"]) == (30.0, 2.0)
-    assert 0.0 < told["low"] < told["high"] < 1.0
+    (result,) = pulls_beyond(drawn_with(column, *known.pulls), known)
+    assert (result["azimuth_deg"], result["ratio"]) == (30.0, 2.0)
+    assert 0.0 < result["low"] < result["high"] < 1.0
 
 
 def drawn_of(toppling_m_s2, distinct=True):
@@ -110,11 +110,11 @@ def test_the_nominal_scene_stands_on_the_draw_nearest_to_their_median_on_which_i
 
 
 def test_few_distinct_draws_state_no_narrower_a_centre_of_mass_than_was_known_before():
-    one = drawn_of(np.full((48, 24), 3.0), distinct=False)
-    assert one.distinct == 1
-    low, _, high = one.com_interval_m().T
+    single = drawn_of(np.full((48, 24), 3.0), distinct=False)
+    assert single.distinct == 1
+    low, _, high = single.com_interval_m().T
     np.testing.assert_allclose(high - low, 2.0 * 1.645 * STD_M)
-    low, _, high = one.interval_m_s2()
+    low, _, high = single.interval_m_s2()
     assert (high > low).all()
 
 
@@ -131,9 +131,9 @@ def test_a_contact_high_above_the_interface_is_refused_with_file_line_and_height
 
 
 def test_a_contact_beside_the_base_is_refused_with_file_and_line(column):
-    beside = Inspection(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), file="looked.csv", lines=(4, 7))
+    adjacent = Inspection(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), file="looked.csv", lines=(4, 7))
     with refused("base.place_off_base") as error:
-        check_inspection(column[0], LEVEL, beside)
+        check_inspection(column[0], LEVEL, adjacent)
     assert error.value.where == "looked.csv, line 7"
 
 

@@ -21,15 +21,15 @@ from toppling.models.statics import support_polygon_m
 
 def test_a_drawn_pedestal_that_is_exactly_a_plane_has_it():
     normal = plane_normal(6.0, 250.0)
-    turn = rotation_between((0.0, 0.0, 1.0), normal)
+    rad = rotation_between((0.0, 0.0, 1.0), normal)
     ground = level(1.0, 0.02)
     away_m = np.hypot(*ground[:, :2].T)
     ground = ground[(away_m > 0.5) & (away_m < 0.6)]
-    way = np.arange(0.0, 2.0 * np.pi, 0.02)
+    rad = np.arange(0.0, 2.0 * np.pi, 0.02)
     side = np.vstack(
-        [0.5 * np.column_stack([np.cos(way), np.sin(way), np.full(len(way), z)]) for z in (0.02, 0.06, 0.1)]
+        [0.5 * np.column_stack([np.cos(rad), np.sin(rad), np.full(len(rad), z)]) for z in (0.02, 0.06, 0.1)]
     )
-    points = np.vstack([ground, side]) @ turn.T + [0.3, 0.2, 0.4]
+    points = np.vstack([ground, side]) @ rad.T + [0.3, 0.2, 0.4]
     patches = Surfels(points, np.broadcast_to(normal, points.shape), np.zeros(len(points)), 0.02)
     assert fit_interface(patches, np.arange(len(points)) >= len(ground)).normal == pytest.approx(
         normal, abs=1e-9
@@ -128,10 +128,10 @@ def test_stations_shifted_against_each_other_are_brought_back(stump):
     shift = np.random.default_rng(8).normal(0.0, 0.008, (int(cloud.station.max()) + 1, 3))
     shift -= shift.mean(axis=0)
     apart = Cloud(cloud.points_m + shift[cloud.station], cloud.origin_m, cloud.station, cloud.files)
-    back, told = register(apart)
-    check_fit(back, told)
-    assert told["applied"]
-    assert told["residual_m"] < 0.5 * told["residual_before_m"]
+    back, out = register(apart)
+    check_fit(back, out)
+    assert out["applied"]
+    assert out["residual_m"] < 0.5 * out["residual_before_m"]
     left = np.linalg.norm(back.points_m - cloud.points_m, axis=1)
     # Shifts of 8 mm along each axis; what is left is below the range noise of 0.8 mm three times over.
     assert np.median(left) < 0.0025

@@ -94,8 +94,8 @@ def test_a_tilted_mesh_is_told_with_the_direction_that_sets_it_upright(tmp_path)
     path = exported(tmp_path / "site.ply", turn=turn)
     with refused("mesh.frame_unstated", "60") as error:
         read_clouds([path])
-    way = error.value.remedy.split("--up ")[1].split(";")[0]
-    placed = bounds(read_clouds([path], None, placement_of(up=way)))
+    direction = error.value.remedy.split("--up ")[1].split(";")[0]
+    placed = bounds(read_clouds([path], None, placement_of(up=direction)))
     assert np.ptp(placed[:, 2]) == pytest.approx(1.6, abs=0.1)
 
 

@@ -40,14 +40,14 @@ WAYS = {
 }
 
 
-def separated(parted, way):
-    files, hints = WAYS[way]
+def separated(parted, direction):
+    files, hints = WAYS[direction]
     return placed_cloud([parted[0] / name for name in files], hints)[0]
 
 
-@pytest.mark.parametrize("way", WAYS)
-def test_each_part_holds_its_points_in_whatever_way_it_is_named(parted, way):
-    cloud = separated(parted, way)
+@pytest.mark.parametrize("direction", WAYS)
+def test_each_part_holds_its_points_in_whatever_way_it_is_named(parted, direction):
+    cloud = separated(parted, direction)
     counts = np.bincount(cloud.label, minlength=3)
     assert tuple(counts[:2]) == tuple(np.bincount(parted[1])[:2])
     assert not cloud.station.any()
@@ -66,11 +66,11 @@ def test_files_named_as_parts_alone_are_read_and_what_is_of_none_is_of_the_other
 @pytest.mark.thorough
 def test_a_separated_rock_is_measured_without_being_cut_again(parted):
     cloud = separated(parted, "classes")
-    kept, label, _ = work_out(cloud)
+    remaining, label, _ = work_out(cloud)
     assert (label == cloud.label).all()
-    assert kept.closed.rock.volume_m3 == pytest.approx(parted[2].volume_m3, rel=0.01)  # as of any scan
+    assert remaining.closed.rock.volume_m3 == pytest.approx(parted[2].volume_m3, rel=0.01)  # as of any scan
     np.testing.assert_allclose(
-        kept.interface.normal, [*kept.interface.normal[:2], np.cos(np.deg2rad(6.0))], atol=3e-3
+        remaining.interface.normal, [*remaining.interface.normal[:2], np.cos(np.deg2rad(6.0))], atol=3e-3
     )
 
 
@@ -102,6 +102,6 @@ def test_a_rock_that_lies_apart_from_its_pedestal_is_refused_as_that(apart_m):
     rock = np.random.default_rng(1).uniform(-1.0, 1.0, (20_000, 3))
     rock = 0.5 * rock / np.abs(rock).max(axis=1, keepdims=True) + [0.0, 0.0, 0.5 + apart_m]
     label = np.repeat(np.array([PEDESTAL, ROCK], np.int8), [len(pedestal), len(rock)])
-    told = "nearest by 0.2" if apart_m < 1.0 else "farther than the rock is high"
-    with refused("rock.apart_from_pedestal", told):
+    result = "nearest by 0.2" if apart_m < 1.0 else "farther than the rock is high"
+    with refused("rock.apart_from_pedestal", result):
         as_labelled(np.vstack([pedestal, rock]), label)

@@ -15,7 +15,7 @@ SURVEYED_M = SCALE * MODEL @ TURN.T + SHIFT_M
 
 
 def written(path, surveyed=SURVEYED_M, model=MODEL, head="", names=()):
-    rows = [",".join(f"{each:.6f}" for each in row) for row in np.hstack([model, surveyed])]
+    rows = [",".join(f"{entry:.6f}" for entry in row) for row in np.hstack([model, surveyed])]
     rows = [f"{name},{row}" for name, row in zip(names, rows, strict=True)] if names else rows
     path.write_text(head + "\n".join(rows) + "\n")
     return path
@@ -77,8 +77,8 @@ def test_the_stated_scatter_of_the_scale_is_the_true_one(tmp_path, points):
         fit_control_points(written(tmp_path / "gcp.csv", noisy(0.01, seed, points), MODEL[:points]))
         for seed in range(200)
     ]
-    true = np.std([each.scale for each in fits]) / SCALE
-    stated = np.sqrt(np.mean([each.scale_share_std**2 for each in fits]))
+    true = np.std([fit.scale for fit in fits]) / SCALE
+    stated = np.sqrt(np.mean([fit.scale_share_std**2 for fit in fits]))
     assert stated == pytest.approx(true, rel=0.2)  # 200 draws tell a standard deviation within 5 %
     assert len(fits[0].residuals_m) == points
 
@@ -159,6 +159,6 @@ def test_geocentric_axes_are_named_with_the_way_upward_that_places_them(tmp_path
     np.savetxt(path, geocentric_m(points, *place), fmt="%.4f")
     with refused("coordinates.geocentric") as error:
         read_clouds([path])
-    way = str(error.value).split("--up=")[1].split(", the way")[0]
-    height_m = read_clouds([path], placement=placement_of(up=way)).points_m[:, 2]
+    direction = str(error.value).split("--up=")[1].split(", the way")[0]
+    height_m = read_clouds([path], placement=placement_of(up=direction)).points_m[:, 2]
     assert height_m - height_m.mean() == pytest.approx(points[:, 2] - points[:, 2].mean(), abs=1e-3)

@@ -89,8 +89,8 @@ def test_parts_of_a_rock_that_nobody_saw_joined_stay_and_strewn_patches_do_not()
     strewn = np.column_stack([np.arange(25.0, 85.0, 3.0), np.zeros((20, 2))])
     points = np.vstack([*(grid + np.array([0.0, along, 0.0]) for along in (0.0, 25.0, 50.0)), strewn])
     seeds = np.repeat([True, True, False, True], [400, 400, 400, 20])
-    kept = joined_rock(points, np.ones(len(points), bool), seeds)
-    assert kept.tolist() == np.repeat([True, True, False, False], [400, 400, 400, 20]).tolist()
+    remaining = joined_rock(points, np.ones(len(points), bool), seeds)
+    assert remaining.tolist() == np.repeat([True, True, False, False], [400, 400, 400, 20]).tolist()
 
 
 SEEDS = {1: "squat, on a shelf", 9: "squat, deep crevice, at a cliff"}
@@ -123,8 +123,8 @@ def test_a_rock_wider_than_high_is_found_without_help(squat_rocks, seed):
 
 def test_a_rock_whose_crevice_is_hidden_almost_all_around_is_parted_by_the_gap_below_its_rim():
     rng = np.random.default_rng(3)
-    way = rng.normal(size=(90_000, 3))
-    rock = way / np.linalg.norm(way, axis=1)[:, None] * [1.0, 1.0, 0.35] + [0.0, 0.0, 0.33]
+    direction = rng.normal(size=(90_000, 3))
+    rock = direction / np.linalg.norm(direction, axis=1)[:, None] * [1.0, 1.0, 0.35] + [0.0, 0.0, 0.33]
     ground = np.column_stack([rng.uniform(-2.5, 2.5, (200_000, 2)), rng.normal(0.0, 1e-3, 200_000)])
     below_rim = [
         np.arctan2(places[:, 1], places[:, 0]) < -3.08 for places in (rock, ground)

@@ -33,9 +33,9 @@ def ratios_of(bases, random):
 
 def known_by(pulls, ratios, weight, random):
     """What the draws that are kept bear after pulls, numbers of azimuths with what was measured there."""
-    said = [(TURNS_DEG[row], value) for row, value in pulls]
+    measured_pulls = [(TURNS_DEG[row], value) for row, value in pulls]
     measured = ratios[:, [row for row, _ in pulls]]
-    likelihood = pulls_log_likelihood(said, measured)
+    likelihood = pulls_log_likelihood(measured_pulls, measured)
     return ratios[resampled(conditioned(weight, likelihood, ENOUGH), DRAWS, random)]
 
 
@@ -46,8 +46,8 @@ def test_a_pull_anywhere_inside_the_stated_interval_leaves_many_draws(seed):
     low, _, high = interval_of(ratios[resampled(weight, DRAWS, random)])
     for row in range(0, len(TURNS_DEG), 3):
         for value in np.linspace(low[row], high[row], 9):
-            kept = known_by([(row, value)], ratios, weight, random)
-            assert len(np.unique(kept[:, row])) > 5  # no interval rests on a few draws
+            selected = known_by([(row, value)], ratios, weight, random)
+            assert len(np.unique(selected[:, row])) > 5  # no interval rests on a few draws
 
 
 @pytest.mark.parametrize("count", [19, 48])
@@ -57,7 +57,7 @@ def test_the_next_draw_lies_in_nine_of_ten_intervals_however_few_draws_they_are_
     next_draw, of_equal_weight = draws[0], np.ones((1, count))
     low, _, high = interval_of(draws[1:])
     assert ((low <= next_draw) & (next_draw <= high)).mean() == pytest.approx(0.9, abs=0.01)
-    low, _, high = (each[0] for each in interval_of(draws[1:], of_equal_weight))
+    low, _, high = (entry[0] for entry in interval_of(draws[1:], of_equal_weight))
     assert ((low <= next_draw) & (next_draw <= high)).mean() == pytest.approx(0.9, abs=0.03)
 
 
@@ -71,10 +71,10 @@ def test_true_pulls_narrow_the_interval_and_it_covers_the_truth_no_less(pulls):
         drawn, weight = np.delete(ratios, 0, axis=0), np.ones(199)
         rows = random.choice(len(TURNS_DEG), pulls, replace=False)
         read = true[rows] * (1.0 + 0.05 * random.normal(size=pulls))
-        kept = known_by(list(zip(rows, read, strict=True)), drawn, weight, random)
+        selected = known_by(list(zip(rows, read, strict=True)), drawn, weight, random)
         free = drawn[resampled(weight, DRAWS, random)]
-        for each in (free, kept):
-            low, _, high = interval_of(each)
+        for entry in (free, selected):
+            low, _, high = interval_of(entry)
             covered.append(((low <= true) & (true <= high)).mean())
             widths.append((high - low).mean())
     before, after = np.reshape(covered, (-1, 2)).mean(axis=0)
@@ -107,7 +107,7 @@ def drawn(far):
     toppling[np.ix_(far, np.cos(np.deg2rad(AZIMUTHS_DEG)) < 0.4)] = (
         4.0  # the ground accelerates the other way
     )
-    gaps = [SimpleNamespace(gap_m=np.where(np.arange(5) == 0, 0.0 if each else 0.01, 0.0)) for each in far]
+    gaps = [SimpleNamespace(gap_m=np.where(np.arange(5) == 0, 0.0 if value else 0.01, 0.0)) for value in far]
     part = SimpleNamespace(observed=SimpleNamespace(places_m=PLACES))
     return SimpleNamespace(
         toppling_m_s2=toppling, gaps=gaps, com_m=np.tile([0.0, 0.0, 0.5], (len(far), 1)), part=part
@@ -149,8 +149,8 @@ def test_where_all_draws_are_alike_no_pull_narrows_and_none_is_named():
 def test_a_pull_is_held_against_what_draws_bore_before_it_though_they_agree_with_it_after():
     pulls = Inspection(pulls=((30.0, 0.2), (90.0, 0.5)))
     borne = np.array([[0.1, 0.2, 0.3], [0.1, 0.2, 0.3]])
-    (told,) = pulls_beyond(SimpleNamespace(borne=borne), pulls)
-    assert (told["azimuth_deg"], told["low"], told["high"]) == (90.0, 0.1, 0.3)
+    (result,) = pulls_beyond(SimpleNamespace(borne=borne), pulls)
+    assert (result["azimuth_deg"], result["low"], result["high"]) == (90.0, 0.1, 0.3)
 
 
 def test_outlines_hold_the_places_that_a_share_of_the_draws_contacts_enclose():
@@ -160,6 +160,6 @@ def test_outlines_hold_the_places_that_a_share_of_the_draws_contacts_enclose():
     far.kind_weights, far.kinds, far.distinct, far.com_interval_m = {}, {}, 40, lambda: np.zeros((3, 3))
     contacts = intervals(far, LEVEL)["contacts"]
     east = [max(x for x, _, _ in contacts["outline_m"])]
-    east += [max(x for x, _, _ in each["outline_m"]) for each in contacts["outlines"]]
-    assert [each["probability"] for each in contacts["outlines"]] == [0.5, 0.95]
+    east += [max(x for x, _, _ in outline["outline_m"]) for outline in contacts["outlines"]]
+    assert [outline["probability"] for outline in contacts["outlines"]] == [0.5, 0.95]
     assert east == pytest.approx([0.5, 0.5, 0.1], abs=0.02)  # the grid has 60 nodes over a metre

@@ -26,22 +26,22 @@ def with_one_off(cloud, number, shift_m):
 @pytest.mark.parametrize("off_m", [[9.0, 2.0, 1.6], [-331_000.0, -3_777_000.0, -480.0]])
 def test_of_one_file_the_station_that_shows_another_place_is_named(cloud, off_m):
     """Such as a scan of an E57 whose pose is missing among others that have theirs."""
-    one = with_one_off(cloud, 3, off_m)
-    one = dataclasses.replace(one, files=(("all.e57", len(one.points_m)),))
+    single = with_one_off(cloud, 3, off_m)
+    single = dataclasses.replace(single, files=(("all.e57", len(single.points_m)),))
     with refused("scan.no_overlap") as error:
-        check_overlap(one)
+        check_overlap(single)
     assert error.value.where == "all.e57, station 4 of 5"
-    check_overlap(dataclasses.replace(cloud, files=one.files))
+    check_overlap(dataclasses.replace(cloud, files=single.files))
 
 
 def test_stations_that_fit_are_told_one_by_one(cloud):
-    same, told = register(cloud)
-    check_fit(same, told)
-    assert len(told["of_stations"]) == 5
+    same, result = register(cloud)
+    check_fit(same, result)
+    assert len(result["of_stations"]) == 5
     # Range noise of 0.8 mm, averaged over the points of a voxel.
-    assert max(each["residual_m"] for each in told["of_stations"]) < 0.002
+    assert max(of_station["residual_m"] for of_station in result["of_stations"]) < 0.002
     # What one station alone sees of rock and ground beside what others see is not paired.
-    assert min(each["paired_share"] for each in told["of_stations"]) > 0.6
+    assert min(of_station["paired_share"] for of_station in result["of_stations"]) > 0.6
 
 
 def test_a_station_that_is_too_far_off_to_be_brought_back_is_refused_by_its_file(cloud):
@@ -87,7 +87,7 @@ def test_a_close_view_and_one_of_another_part_are_taken(cloud):
     """The third station saw the rock alone, the fourth a quarter of the ground alone."""
     near = np.linalg.norm(cloud.points_m - [0.0, 0.0, 1.0], axis=1) < 0.9
     corner = (cloud.points_m[:, :2] > 0.8).all(axis=1)
-    kept = np.select([cloud.station == 2, cloud.station == 3], [near, corner], True)
-    numbers = cloud.station[kept]
+    selected = np.select([cloud.station == 2, cloud.station == 3], [near, corner], True)
+    numbers = cloud.station[selected]
     files = tuple((f"station{k + 1}", int((numbers == k).sum())) for k in range(5))
-    check_fit(*register(Cloud(cloud.points_m[kept], cloud.origin_m, numbers, files)))
+    check_fit(*register(Cloud(cloud.points_m[selected], cloud.origin_m, numbers, files)))

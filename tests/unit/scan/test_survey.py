@@ -85,7 +85,7 @@ def test_a_saved_scene_is_read_back_with_its_labels_and_survey_origin(stump, sur
     assert len(np.load(folder / "labels.npz")["label"]) == len(cloud.points_m)
     assert (folder / "scene.png").stat().st_size > 10_000
     all_contacts, *likelier = json.loads((folder / "contacts.geojson").read_text())["features"]
-    assert [each["properties"]["probability"] for each in likelier] == [0.5, 0.95][: max(len(likelier), 1)]
+    assert [entry["properties"]["probability"] for entry in likelier] == [0.5, 0.95][: max(len(likelier), 1)]
     ring = np.array(all_contacts["geometry"]["coordinates"][0])
     assert (ring[0] == ring[-1]).all()
     assert Polygon(ring[:, :2]).contains_point((found.scene.rock.com_m + virtual.DEMO_ORIGIN_M)[:2])
@@ -94,12 +94,12 @@ def test_a_saved_scene_is_read_back_with_its_labels_and_survey_origin(stump, sur
 def test_the_picture_says_what_its_lines_are_and_draws_the_interval_that_is_stated(surveyed):
     figure = scene_picture(surveyed.scene)
     texts = [text.get_text() for text in figure.legends[0].get_texts()]
-    shares = [100 * each["probability"] for each in surveyed.scene.report["interface"]["outlines"]]
-    inside = [f"inside the contacts of {share:.0f} % of the bases" for share in shares]
-    assert texts[: 1 + len(shares)] == ["around all possible contacts", *inside]
+    fractions = [100 * outline["probability"] for outline in surveyed.scene.report["interface"]["outlines"]]
+    inside = [f"inside the contacts of {share:.0f} % of the bases" for share in fractions]
+    assert texts[: 1 + len(fractions)] == ["around all possible contacts", *inside]
     lines = {line.get_label(): line for line in figure.axes[-1].lines}
     table = surveyed.scene.report["unseen_base"]["toppling"]
-    medians = [each["median_m_s2"] for each in [*table, table[0]]]
+    medians = [entry["median_m_s2"] for entry in [*table, table[0]]]
     np.testing.assert_allclose(lines["topples: median of the bases"].get_ydata(), medians)
     assert "topples: 90 % of the bases" in texts
 
@@ -187,12 +187,12 @@ def test_the_spread_of_a_rock_seen_from_one_side_covers_its_error(one_sided):
 
 
 @pytest.mark.parametrize(
-    ("invented", "crown_unseen", "told"),
+    ("invented", "crown_unseen", "expected"),
     [(0.41, 0.0, ("41%", "guesses")), (0.05, 0.93, ("93%", "crown")), (0.05, 0.0, ())],
 )
-def test_what_was_not_seen_of_a_rock_is_told(invented, crown_unseen, told):
+def test_what_was_not_seen_of_a_rock_is_told(invented, crown_unseen, expected):
     seen = {"seen_share": 0.85 - invented, "closed_share": 0.15, "invented_share": invented}
     report = {"surface": {**seen, "crown_unseen_share": crown_unseen}}
-    said = invention_warning(dataclasses.replace(Scene.block(0.2, 0.3, 0.6), report=report))
-    assert [part for part in told if part not in said] == []
-    assert bool(said) is bool(told)
+    text = invention_warning(dataclasses.replace(Scene.block(0.2, 0.3, 0.6), report=report))
+    assert [part for part in expected if part not in text] == []
+    assert bool(text) is bool(expected)

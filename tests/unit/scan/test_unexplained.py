@@ -43,7 +43,7 @@ def kinds(rock, rest, **given):
     observed = dataclasses.replace(seen_of(rock, rest), **given)
     closed = ClosedRock(CUBE, 1.0, 0.0, 0.0, 0.0)
     found = warnings_of(observed, LEVEL, closed, CUBE.vertices_m, np.zeros(len(CUBE.vertices_m)), np.zeros(3))
-    return {each.kind: each.sentence for each in found}
+    return {entry.kind: entry.sentence for entry in found}
 
 
 def test_what_touches_a_rock_above_its_foot_is_one_warning_with_its_direction():
@@ -59,9 +59,9 @@ def column(radius_at, height=1.0):
     radius = radius_at(z)
     slope = np.gradient(radius, z)
     turn = np.arange(0.0, 2 * np.pi, VOXEL_M / radius.max())
-    way = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(len(turn))])
-    points = radius[:, None, None] * way + z[:, None, None] * [0.0, 0.0, 1.0]
-    normals = way - slope[:, None, None] * [0.0, 0.0, 1.0]
+    direction = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(len(turn))])
+    points = radius[:, None, None] * direction + z[:, None, None] * [0.0, 0.0, 1.0]
+    normals = direction - slope[:, None, None] * [0.0, 0.0, 1.0]
     normals /= np.linalg.norm(normals, axis=2, keepdims=True)
     top, up = wall(
         (-radius[-1], -radius[-1], height), (2 * radius[-1], 0, 0), (0, 2 * radius[-1], 0), (0, 0, 1)
@@ -84,8 +84,8 @@ def test_a_rock_that_a_fillet_joins_to_its_pedestal_is_a_question_and_no_refusal
 
 @pytest.mark.parametrize(("sides", "blind_deg", "toward_deg"), [("e", 350.0, 180.0), ("ens", 170.0, 180.0)])
 def test_the_directions_from_which_nothing_was_seen_are_told(sides, blind_deg, toward_deg):
-    told = unseen_range(seen_of(box((-0.25, -0.25, 0.0), (0.25, 0.25, 1.0), sides), ground()), LEVEL)
-    assert told == pytest.approx((blind_deg, toward_deg), abs=12.0)
+    result = unseen_range(seen_of(box((-0.25, -0.25, 0.0), (0.25, 0.25, 1.0), sides), ground()), LEVEL)
+    assert result == pytest.approx((blind_deg, toward_deg), abs=12.0)
 
 
 @pytest.mark.parametrize(("sides", "what"), [("es", "one side"), ("ewns", "70%")])
@@ -97,8 +97,8 @@ def test_a_rock_most_of_which_was_not_seen_is_refused(sides, what):
 
 
 def test_patches_are_as_wide_as_the_points_of_a_sparse_cloud_lie_apart():
-    kept = np.random.default_rng(2).random(len(BLOCK[0])) < 0.2
-    surfels, _, _ = patches_around(np.vstack([BLOCK[0][kept], ground()[0]]), BLOCK[0][kept], 1.0)
+    selected = np.random.default_rng(2).random(len(BLOCK[0])) < 0.2
+    surfels, _, _ = patches_around(np.vstack([BLOCK[0][selected], ground()[0]]), BLOCK[0][selected], 1.0)
     apart_m = cKDTree(surfels.points_m).query(surfels.points_m[surfels.points_m[:, 2] > 0.1], 5)[0][:, 4]
     assert surfels.voxel_m > 1.5 * VOXEL_M
     assert np.median(apart_m) < 1.5 * surfels.voxel_m
@@ -111,22 +111,22 @@ def test_a_rock_of_which_a_side_hangs_below_its_interface_is_refused():
         check_above(seen_of(hanging, ground()), LEVEL)
 
 
-@pytest.mark.parametrize(("leaves", "told"), [(40, 0), (200, 1)])
-def test_patches_off_the_closed_surface_are_left_out_and_many_are_told(leaves, told):
+@pytest.mark.parametrize(("leaves", "expected"), [(40, 0), (200, 1)])
+def test_patches_off_the_closed_surface_are_left_out_and_many_are_told(leaves, expected):
     random = np.random.default_rng(5)
     bush = np.array([0.9, 0.0, 0.3]) + 0.05 * random.normal(size=(leaves, 3)), random.normal(size=(leaves, 3))
     observed = seen_of(together(BLOCK, bush), ground())
     found, warnings = left_over(CUBE, observed)
     assert np.array_equal(np.flatnonzero(found), len(BLOCK[0]) + np.arange(leaves))
-    assert [each.kind for each in warnings] == ["left_over"] * told
+    assert [warning.kind for warning in warnings] == ["left_over"] * expected
 
 
-@pytest.mark.parametrize(("off_m", "told"), [(0.001, False), (0.01, True)])
-def test_a_surface_that_was_seen_twice_lies_off_the_one_that_is_closed_about_it(off_m, told):
+@pytest.mark.parametrize(("off_m", "expected"), [(0.001, False), (0.01, True)])
+def test_a_surface_that_was_seen_twice_lies_off_the_one_that_is_closed_about_it(off_m, expected):
     observed, points = seen_of(BLOCK, ground()), BLOCK[0] + off_m * BLOCK[1]
     closed = ClosedRock(CUBE, 1.0, 0.0, 0.0, 0.0)
     found = warnings_of(observed, LEVEL, closed, points, np.zeros(len(points)), np.zeros(3))
-    assert [each.kind for each in found] == (["surface"] if told else [])
+    assert [entry.kind for entry in found] == (["surface"] if expected else [])
     with refused("scan.not_closed", "0.03"):
         warnings_of(observed, LEVEL, closed, BLOCK[0] + 0.03 * BLOCK[1], np.zeros(len(points)), np.zeros(3))
 
@@ -134,13 +134,13 @@ def test_a_surface_that_was_seen_twice_lies_off_the_one_that_is_closed_about_it(
 @pytest.mark.parametrize("strays", [0, 4])
 def test_strays_high_up_the_rock_do_not_turn_the_interface(strays):
     block, around = box((-0.25, -0.25, 0.0), (0.25, 0.25, 1.0)), ground()
-    kept = around[0][:, 1] < -0.26  # the crevice was seen from one side
+    selected = around[0][:, 1] < -0.26  # the crevice was seen from one side
     noise = np.random.default_rng(2).normal(0.0, 0.002, (len(around[0]), 3))
     high = np.column_stack(
         [np.linspace(-0.2, 0.2, strays), np.full(strays, -0.28), np.linspace(0.8, 1.0, strays)]
     )
     up = np.tile((0.0, 0.0, 1.0), (strays, 1))
-    seen = seen_of(block, together(((around[0] + noise)[kept], around[1][kept]), (high, up)))
+    seen = seen_of(block, together(((around[0] + noise)[selected], around[1][selected]), (high, up)))
     found = fit_interface(seen.surfels, seen.patches)
     assert np.rad2deg(np.arccos(found.normal[2])) < 2.0
     assert abs(found.point_m[2]) < 0.01
@@ -225,8 +225,8 @@ def test_what_is_cut_off_along_a_neck_has_the_cut_along_its_ground_as_rival_at_a
     surfels = Surfels(*box((-0.25, -0.25, 0.0), (0.25, 0.25, 1.0)), np.zeros(1), VOXEL_M)
     height = surfels.points_m[:, 2]
     cap, whole = (
-        Candidate(1.0 - low, np.zeros(3), surfels, height >= low, 0.5, cost, np.zeros((3, 3)), carried)
-        for low, cost, carried in ((0.25, 1.0, sides == "up"), (0.0, 3.0, True))
+        Candidate(1.0 - low, np.zeros(3), surfels, height >= low, 0.5, cost, np.zeros((3, 3)), value)
+        for low, cost, value in ((0.25, 1.0, sides == "up"), (0.0, 3.0, True))
     )
     assert with_rivals(cap, [cap, whole]).rivals == ((whole,) if sides == "horizontal" else ())
     assert with_rivals(whole, [cap, whole]).rivals == ()
@@ -264,10 +264,10 @@ def of_a_scene(points, noise_m=0.0):
     """Level ground of 8 by 8 m with a ball of 2 m on it, seen with noise."""
     random = np.random.default_rng(1)
     flat = random.uniform(-4.0, 4.0, (3 * points // 4, 2))
-    way = random.normal(size=(points // 4, 3))
-    way /= np.linalg.norm(way, axis=1)[:, None]
+    direction = random.normal(size=(points // 4, 3))
+    direction /= np.linalg.norm(direction, axis=1)[:, None]
     ground = np.column_stack([flat, np.zeros(len(flat))])
-    return np.concatenate([ground, way + np.array([0.0, 0.0, 1.0])]) + random.normal(
+    return np.concatenate([ground, direction + np.array([0.0, 0.0, 1.0])]) + random.normal(
         0.0, noise_m, (points // 4 * 4, 3)
     )
 
@@ -275,11 +275,11 @@ def of_a_scene(points, noise_m=0.0):
 def test_a_refusal_says_also_that_a_cloud_is_noisy_or_one_plane():
     plane = np.random.default_rng(3).uniform(-4.0, 4.0, (40_000, 3)) * [1.0, 1.0, 0.001]
     plane[:, 2] += 0.4 * plane[:, 1]
-    for points, told in (
+    for points, expected in (
         (of_a_scene(150_000, 0.05), "noisy"),
         (plane, "22 degrees"),
     ):
-        assert told in with_reason(REFUSED, points).what
+        assert expected in with_reason(REFUSED, points).what
 
 
 @pytest.mark.parametrize("noise_m", [0.0, 0.01])

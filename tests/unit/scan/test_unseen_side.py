@@ -125,7 +125,7 @@ def barrel(unseen_deg):
     """Patches and normals of a side whose radius is 1 at the foot and at the top, 1.3 in between."""
     turn = np.deg2rad(np.arange(0.5 * unseen_deg, 360.0 - 0.5 * unseen_deg, 2.0))
     up = np.arange(0.0, 3.0, APART_M)
-    up, turn = (each.ravel() for each in np.meshgrid(up, turn, indexing="ij"))
+    up, turn = (grid.ravel() for grid in np.meshgrid(up, turn, indexing="ij"))
     radius, slope = radius_at(up), -np.cos(np.pi * up / 3.0) * 0.1 * np.pi
     points = np.column_stack([radius * np.cos(turn), radius * np.sin(turn), up])
     normals = np.column_stack([np.cos(turn), np.sin(turn), slope])

@@ -56,7 +56,7 @@ def test_code_that_an_image_ships_is_taken_where_nobody_else_could_write_it(
     shipped.chmod(mode)
     folder = _private_folder(tmp_path / "second")
     assert folder is not None
-    assert {each.relative_to(folder).as_posix() for each in folder.rglob("*")} == (
+    assert {path.relative_to(folder).as_posix() for path in folder.rglob("*")} == (
         {"room", "room/function.nbc", "complete"} if taken else set()
     )
     assert folder.stat().st_mode & 0o777 == 0o700
@@ -82,23 +82,23 @@ def test_two_processes_compile_once_and_without_a_folder_the_bits_are_the_same(t
     bits = [out for out, _ in together]
     assert nowhere
     assert bits == [nowhere] * 2
-    assert sum("compiling" in told for _, told in together) == 1
+    assert sum("compiling" in value for _, value in together) == 1
 
 
 def test_a_bit_that_flips_in_compiled_code_is_told_and_its_function_compiled_anew(tmp_path, capsys):
-    kept = _VerifiedFile(str(tmp_path), "function", "stamp")
-    kept.save("key", ("machine code", 1.5))
-    assert kept.load("key") == ("machine code", 1.5)
+    remaining = _VerifiedFile(str(tmp_path), "function", "stamp")
+    remaining.save("key", ("machine code", 1.5))
+    assert remaining.load("key") == ("machine code", 1.5)
     for path in sorted(tmp_path.iterdir()):
         content = path.read_bytes()
         for at in range(len(content)):
             path.write_bytes(content[:at] + bytes([content[at] ^ 16]) + content[at + 1 :])
-            assert kept.load("key") is None
+            assert remaining.load("key") is None
             assert f"{path} is damaged: compiled anew" in capsys.readouterr().err
         path.write_bytes(content[: len(content) // 2])
-        assert kept.load("key") is None
-        kept.save("key", ("machine code", 1.5))
-        assert kept.load("key") == ("machine code", 1.5)
+        assert remaining.load("key") is None
+        remaining.save("key", ("machine code", 1.5))
+        assert remaining.load("key") == ("machine code", 1.5)
 
 
 def test_the_cache_of_every_compiled_function_is_verified():
@@ -134,7 +134,7 @@ except ValueError as error:
 @pytest.mark.thorough
 def test_code_is_found_again_wherever_its_source_lies(tmp_path):
     """A checkout and an unpacked wheel of one program compile once together."""
-    kept = []
+    remaining = []
     for place in ("checkout", "wheel"):
         (tmp_path / place).mkdir()
         program = tmp_path / place / "program.py"
@@ -145,9 +145,9 @@ def test_code_is_found_again_wherever_its_source_lies(tmp_path):
             capture_output=True,
             check=True,
         )
-        kept.append({path: path.stat().st_mtime_ns for path in (tmp_path / "cache").rglob("*.nb?")})
-    assert len(kept[0]) == 2  # the code and its index
-    assert kept[0] == kept[1]
+        remaining.append({path: path.stat().st_mtime_ns for path in (tmp_path / "cache").rglob("*.nb?")})
+    assert len(remaining[0]) == 2  # the code and its index
+    assert remaining[0] == remaining[1]
 
 
 def test_shakes_leave_no_array_of_compiled_code_behind():

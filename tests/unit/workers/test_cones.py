@@ -181,20 +181,20 @@ def test_what_is_held_is_what_the_linear_programme_over_all_wrenches_holds_and_t
         arms, leans = random.uniform(low, high, (contacts, 3)), random.uniform(-1.0, 1.0, (contacts, 2))
         normals = np.column_stack([leans, np.ones(contacts)])
         normals /= np.linalg.norm(normals, axis=1)[:, None]
-        columns, way = wrenches(arms, normals, 0.6), np.append(random.normal(size=2), 0.0)
+        columns, direction = wrenches(arms, normals, 0.6), np.append(random.normal(size=2), 0.0)
         solved = linprog(
             np.append(np.zeros(columns.shape[1]), -1.0),
-            A_eq=np.column_stack([columns, np.append(way, np.zeros(3))]),
+            A_eq=np.column_stack([columns, np.append(direction, np.zeros(3))]),
             b_eq=-np.append(weight, np.zeros(3)),
             bounds=[(0.0, None)] * columns.shape[1] + [(None, None)],
         )
         far = solved.x[-1] if solved.status == 0 else np.inf if solved.status == 3 else -np.inf
         near, beyond = (
-            weight + np.outer([far - 1e-3, far + 1e-3], way) if np.isfinite(far) else (weight, weight)
+            weight + np.outer([far - 1e-3, far + 1e-3], direction) if np.isfinite(far) else (weight, weight)
         )
         if contacts > 3 and np.isfinite(far):  # on three a single load may be all that is held
             assert are_held(columns, np.array([near, beyond]), 0.65).tolist() == [True, False]
-        held = held_up_to_m_s2(records(arms, normals), 0.6, inertia_m2, weight, way, (0.0, 300.0))
+        held = held_up_to_m_s2(records(arms, normals), 0.6, inertia_m2, weight, direction, (0.0, 300.0))
         # The pyramids miss at most half a per cent of the cones.
         assert held is None or held <= max(far, 0.0) * 1.02 + 0.05
 

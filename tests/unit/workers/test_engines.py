@@ -22,17 +22,17 @@ PUSH = Motion(np.vstack([np.full((20, 3), (6.0, 0.0, 0.0)), np.zeros((2, 3))]), 
 def test_an_engines_name_stands_in_its_own_folder_alone(name):
     rooms = [ROOT / room for room in ("models", "workers", "orchestrator", "results")]
     home = ROOT / "workers" / "engines"
-    said = re.compile(rf"\b{name}\b", re.IGNORECASE)
+    pattern = re.compile(rf"\b{name}\b", re.IGNORECASE)
     elsewhere = [
         str(path.relative_to(ROOT))
         for room in rooms
         for path in room.rglob("*.py")
-        if home not in path.parents and said.search(path.read_text())
+        if home not in path.parents and pattern.search(path.read_text())
     ]
     assert not elsewhere
 
 
-@pytest.mark.parametrize("engine", engines.ENGINES.values(), ids=lambda one: one.name)
+@pytest.mark.parametrize("engine", engines.ENGINES.values(), ids=lambda value: value.name)
 def test_every_registered_engine_shakes_and_says_how_it_is_cited(engine):
     if engine.version is None:
         pytest.skip(f"{engine.title} is not installed")

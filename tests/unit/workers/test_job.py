@@ -157,10 +157,10 @@ def test_friction_varies_as_much_on_one_base_as_on_all_of_them(draws):
     bases = UnseenBase(0.1, (BaseDraw(feet_m),) * draws)
     realisations = range(1, 20 * draws + 1)
     frame = pd.DataFrame({
-        "base": [bases.number_of(one) for one in realisations],
+        "base": [bases.number_of(realisation) for realisation in realisations],
         "friction": [
-            Unmeasured(friction=(0.5, 1.0)).contact(ContactProperties(0.7, 0.7), one).friction_static
-            for one in realisations
+            Unmeasured(friction=(0.5, 1.0)).contact(ContactProperties(0.7, 0.7), realisation).friction_static
+            for realisation in realisations
         ],
     })  # fmt: skip
     on_one = frame.groupby("base")["friction"]

@@ -27,8 +27,8 @@ G = 9.81
 def pulse(peak_m_s2, period_s=0.5, azimuth_deg=0.0, samples=200):
     time = np.linspace(0.0, period_s, samples + 1)
     along = peak_m_s2 * np.sin(2 * np.pi * time / period_s)
-    way = np.array([np.cos(np.deg2rad(azimuth_deg)), np.sin(np.deg2rad(azimuth_deg)), 0.0])
-    return Motion(along[:, None] * way, period_s / samples)
+    direction = np.array([np.cos(np.deg2rad(azimuth_deg)), np.sin(np.deg2rad(azimuth_deg)), 0.0])
+    return Motion(along[:, None] * direction, period_s / samples)
 
 
 def noise(seed, peak_m_s2, seconds=6.0):
@@ -38,8 +38,8 @@ def noise(seed, peak_m_s2, seconds=6.0):
 
 
 def fingerprint(result):
-    way = result.trajectory
-    return hashlib.sha256(way.position_m.tobytes() + way.quaternion_xyzw.tobytes()).hexdigest()
+    path = result.trajectory
+    return hashlib.sha256(path.position_m.tobytes() + path.quaternion_xyzw.tobytes()).hexdigest()
 
 
 @pytest.mark.parametrize("preset", ["fast", "standard"])
@@ -53,8 +53,8 @@ def test_skipping_rest_changes_no_bit_of_what_follows(preset, slope_deg):
     assert short.skipped_s > 2 * 2.5  # the first quiet time and the second, all but a block
     assert whole.skipped_s == 0.0
     poses = [
-        dict(zip(way.time_s, map(tuple, np.hstack([way.position_m, way.quaternion_xyzw])), strict=True))
-        for way in (short.trajectory, whole.trajectory)
+        dict(zip(entry.time_s, map(tuple, np.hstack([entry.position_m, entry.quaternion_xyzw])), strict=True))
+        for entry in (short.trajectory, whole.trajectory)
     ]
     common = poses[0].keys() & poses[1].keys()
     # While one run rests it has a pose a block, the other one for the whole rest.

@@ -217,8 +217,8 @@ def with_sliver(vertices, faces, face, width_share):
     far = next(corner for corner in faces[other] if corner not in (a, b))
     on_edge = 0.5 * (vertices[a] + vertices[b])
     new, middle = len(vertices), on_edge + width_share * (vertices[far] - on_edge)
-    kept = np.delete(faces, other, axis=0)
-    return np.vstack([vertices, middle]), np.vstack([kept, [[b, new, far], [new, a, far], [b, a, new]]])
+    remaining = np.delete(faces, other, axis=0)
+    return np.vstack([vertices, middle]), np.vstack([remaining, [[b, new, far], [new, a, far], [b, a, new]]])
 
 
 def test_slivers_and_duplicate_vertices_change_nothing():
@@ -330,10 +330,10 @@ def test_random_strong_shaking_keeps_its_steps_and_its_surface():
         peak, frequency, vertical = rng.uniform(0.4, 1.5) * G, rng.uniform(1, 5), rng.uniform(0, 0.8)
         motion = record(4, 100, peak, frequency, seed=seed, vertical=vertical)
         result = shake(scene, motion, shortcuts=False, trajectory=True)
-        way = result.trajectory
+        path = result.trajectory
         # A rest has one step; where it ends the rock is set on its surface.
-        moved = np.abs(np.diff(way.position_m, axis=0)).max(axis=1) > 1e-6 * scene.rock.half_diagonal_m
-        stretched += np.diff(way.time_s)[moved].max(initial=0.0) > 2.0 * result.time_step_s
+        moved = np.abs(np.diff(path.position_m, axis=0)).max(axis=1) > 1e-6 * scene.rock.half_diagonal_m
+        stretched += np.diff(path.time_s)[moved].max(initial=0.0) > 2.0 * result.time_step_s
         diverged += result.status == "diverged"
         deepest = max(deepest, result.penetration_m / scene.rock.half_diagonal_m)
     assert (stretched, diverged) == (0, 0)

@@ -99,8 +99,8 @@ def test_curves_of_single_bases_average_to_that_of_all():
     fitted = sampled(jobs, fit(jobs, ["pgv_m_s"]), samples=400)
     x = np.geomspace(0.2, 1.5, 7)
     entry = [c.probability(x) for c in fitted.resampled.lognormals("pgv_m_s")]
-    assert np.mean(entry, axis=0) == pytest.approx(fitted.c.probability(x), abs=0.04)
-    assert all(c.beta < fitted.c.beta * 1.3 for c in fitted.resampled.lognormals("pgv_m_s"))
+    assert np.mean(entry, axis=0) == pytest.approx(fitted.lognormal.probability(x), abs=0.04)
+    assert all(c.beta < fitted.lognormal.beta * 1.3 for c in fitted.resampled.lognormals("pgv_m_s"))
 
 
 def test_bases_without_weight_say_nothing_of_how_far_bases_differ():

@@ -21,7 +21,7 @@ from toppling.models.statics import support_polygon_m
 
 def test_a_drawn_pedestal_that_is_exactly_a_plane_has_it():
     normal = plane_normal(6.0, 250.0)
-    rad = rotation_between((0.0, 0.0, 1.0), normal)
+    turn = rotation_between((0.0, 0.0, 1.0), normal)
     ground = level(1.0, 0.02)
     away_m = np.hypot(*ground[:, :2].T)
     ground = ground[(away_m > 0.5) & (away_m < 0.6)]
@@ -29,7 +29,7 @@ def test_a_drawn_pedestal_that_is_exactly_a_plane_has_it():
     side = np.vstack(
         [0.5 * np.column_stack([np.cos(rad), np.sin(rad), np.full(len(rad), z)]) for z in (0.02, 0.06, 0.1)]
     )
-    points = np.vstack([ground, side]) @ rad.T + [0.3, 0.2, 0.4]
+    points = np.vstack([ground, side]) @ turn.T + [0.3, 0.2, 0.4]
     patches = Surfels(points, np.broadcast_to(normal, points.shape), np.zeros(len(points)), 0.02)
     assert fit_interface(patches, np.arange(len(points)) >= len(ground)).normal == pytest.approx(
         normal, abs=1e-9

@@ -2,5 +2,5 @@
 
 __all__ = [
     "alone", "arrays", "caching", "compiled", "errors", "frames", "lengths", "pedestal", "relief", "rock", "scene",
-    "shapes", "statics", "terminal",
+    "shapes", "smooth_mesh", "statics", "terminal",
 ]  # fmt: skip

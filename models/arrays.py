@@ -12,8 +12,6 @@ Indices = NDArray[np.int64]
 _Kind = TypeVar("_Kind", bound=np.generic)
 AT_ONCE = 200_000
 """Number of rows or pairs that are processed together: some 50 MB."""
-_MOST_COUNTED = 1_000_000
-"""Maximum size of a table of counts, apart from four times the number of keys."""
 
 
 def bounds_of(rows: Array) -> Array:
@@ -59,7 +57,7 @@ def numbered(keys: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int
     By counting where that takes no more memory than the keys: sorting takes ten times as long.
     """
     most = int(keys.max(initial=-1)) + 1
-    if most > _MOST_COUNTED + 4 * len(keys):
+    if most > AT_ONCE + 4 * len(keys):
         _, place, count = np.unique(keys, return_inverse=True, return_counts=True)
         return place, count
     count = np.bincount(keys, minlength=most)

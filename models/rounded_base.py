@@ -12,14 +12,11 @@ from toppling.models.arrays import Array
 from toppling.models.frames import STANDARD_GRAVITY_M_S2
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
-from toppling.models.smooth_mesh import Patches, SmoothMesh, patches_of, smooth_mesh_of
+from toppling.models.smooth_mesh import MOST_FACES, Patches, SmoothMesh, patches_of, smooth_mesh_of
 from toppling.models.statics import quasi_static_toppling_m_s2
 
 _CHANGE_SHARE = 0.02
 """Largest change of the least toppling acceleration, at any azimuth, that one refinement may make."""
-
-_MOST_FACES = 20_000
-"""Finer ones cost minutes of preparing contacts; what one more halving changes is stated."""
 
 _CHECKED_FACES = 60_000
 """Maximum number of faces of a halved mesh for which the change by refinement is computed."""
@@ -101,7 +98,7 @@ def refined(rock: Rock) -> Rock:
         mesh = mesh.halved()
         finer = _rock_of(mesh)
         then = _over_facets_m_s2(finer)
-        if _change(now, then) < _CHANGE_SHARE or len(mesh.faces) > _MOST_FACES:
+        if _change(now, then) < _CHANGE_SHARE or len(mesh.faces) > MOST_FACES:
             break
         rock, now = finer, then
     return rock

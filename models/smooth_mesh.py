@@ -19,7 +19,7 @@ from toppling.models.pedestal import TOPPLED_TILT_DEG
 from toppling.models.rock import Rock
 from toppling.models.shapes import joined_parts
 
-_CREASE_DEG = 30.0
+CREASE_DEG = 30.0
 """Two faces that meet at a larger angle form an edge, and two parts of an edge a corner."""
 
 _COPLANAR_DEG = 0.05
@@ -47,8 +47,8 @@ _CONCAVE_SHARE = 0.05
 _LARGEST_TURN_DEG = 4.0
 """Patches that turn by more from one to the next are halved."""
 
-_MOST_PATCH_FACES = 20_000
-"""Finer meshes are not made: they cost time of preparing, and none of a shake."""
+MOST_FACES = 20_000
+"""Maximum number of faces of a refined mesh: finer ones cost minutes of preparing contacts, and no time of a shake."""
 
 SINGULAR = 1e-9
 """Share of its size to which the determinant of a patch's curvature vanishes: it is curved in one direction only."""
@@ -74,12 +74,12 @@ class SmoothMesh:
         angle = mesh.angle_deg
         patch = _flat_parts(sides[angle < _COPLANAR_DEG], normals)
         size, area = np.bincount(patch), np.bincount(patch, areas)
-        smooth = (angle >= _COPLANAR_DEG) & (angle < _CREASE_DEG)
+        smooth = (angle >= _COPLANAR_DEG) & (angle < CREASE_DEG)
         first, other = np.concatenate([sides[smooth], sides[smooth, ::-1]]).T
         neighbours = np.bincount(patch[first], minlength=len(size))
         adjacent = np.bincount(patch[first], area[patch[other]], len(size)) / np.maximum(neighbours, 1)
         flat = (size > 2) | (neighbours == 0) | (area > _FLAT_AREAS * adjacent)
-        joined = sides[(angle < _CREASE_DEG) & ~flat[patch][sides].any(axis=1)]
+        joined = sides[(angle < CREASE_DEG) & ~flat[patch][sides].any(axis=1)]
         part = joined_parts(patch[joined], len(size))
         flat |= np.bincount(part)[part] < _FEWEST_PATCHES
         low = normals[:, 2] < -np.cos(np.radians(FALLEN_DEG))
@@ -89,7 +89,7 @@ class SmoothMesh:
             rock.vertices_m,
             faces,
             flat[patch],
-            rounded & mesh._convex_below(rounded, sides[angle < _CREASE_DEG]),
+            rounded & mesh._convex_below(rounded, sides[angle < CREASE_DEG]),
         )
 
     def _convex_below(self, rounded: Flags, sides: Indices) -> Flags:
@@ -122,7 +122,7 @@ class SmoothMesh:
         _, sides = self.edges
         normals, areas = self.normals
         part = joined_parts(
-            sides[(self.angle_deg < _CREASE_DEG) & self.rounded[sides].all(axis=1)], len(self.faces)
+            sides[(self.angle_deg < CREASE_DEG) & self.rounded[sides].all(axis=1)], len(self.faces)
         )
         spread = np.zeros((part.max() + 1, 3, 3))
         np.add.at(spread, part, areas[:, None, None] * normals[:, :, None] * normals[:, None, :])
@@ -159,7 +159,7 @@ class SmoothMesh:
         inner: Flags = np.bincount(corners.ravel(), minlength=count) == np.bincount(
             self.faces.ravel(), minlength=count
         )
-        inner[ends[self.angle_deg >= _CREASE_DEG].ravel()] = False
+        inner[ends[self.angle_deg >= CREASE_DEG].ravel()] = False
         return inner
 
     @property
@@ -167,14 +167,14 @@ class SmoothMesh:
         """Largest angle between two faces of a rounded part that go over into each other."""
         _, sides = self.edges
         angle = self.angle_deg[self.rounded[sides].all(axis=1)]
-        return float(angle[angle < _CREASE_DEG].max(initial=0.0))
+        return float(angle[angle < CREASE_DEG].max(initial=0.0))
 
     def middles(self) -> tuple[Array, Flags, Flags]:
         """Middles (e, 3) of all edges on the surface, which of them are cut by halving, and which are creases."""
         ends, sides = self.edges
         angle = self.angle_deg
         cut: Flags = self.rounded[sides[:, 0]] | self.rounded[sides[:, 1]]
-        crease = angle >= _CREASE_DEG
+        crease = angle >= CREASE_DEG
         middle = 0.5 * self.vertices_m[ends].sum(axis=1)
         smooth: Flags = cut & ~crease & ~self.flat[sides].any(axis=1)
         middle[smooth] += self._bulge_m(ends[smooth], sides[smooth], ends[~crease], sides[~crease])
@@ -244,8 +244,8 @@ class SmoothMesh:
         goes_on = (count[a] == 2) & (count[b] == 2)
         p = self.vertices_m
         before, after = np.where(goes_on, before, a), np.where(goes_on, after, b)
-        goes_on &= _angle_deg(p[a] - p[before], p[b] - p[a]) < _CREASE_DEG
-        goes_on &= _angle_deg(p[b] - p[a], p[after] - p[b]) < _CREASE_DEG
+        goes_on &= _angle_deg(p[a] - p[before], p[b] - p[a]) < CREASE_DEG
+        goes_on &= _angle_deg(p[b] - p[a], p[after] - p[b]) < CREASE_DEG
         straight = 0.5 * (p[a] + p[b])
         return np.where(goes_on[:, None], 1.125 * straight - 0.0625 * (p[before] + p[after]), straight)
 
@@ -359,7 +359,7 @@ def smooth_mesh_of(rock: Rock) -> SmoothMesh | None:
     mesh = SmoothMesh.of(rock).doubly_curved()
     if not mesh.rounded.any():
         return None
-    while mesh.largest_turn_deg > _LARGEST_TURN_DEG and mesh.faces_when_halved <= _MOST_PATCH_FACES:
+    while mesh.largest_turn_deg > _LARGEST_TURN_DEG and mesh.faces_when_halved <= MOST_FACES:
         mesh = mesh.halved()
     return mesh
 

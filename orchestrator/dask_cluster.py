@@ -23,7 +23,7 @@ from toppling.models.errors import InputError
 from toppling.orchestrator.context import Answer, RunError
 from toppling.orchestrator.delivery import NotDeliveredError, StorageError, pieces
 from toppling.orchestrator.dispatch import USUAL_LIMITS
-from toppling.orchestrator.interrupt import held_back
+from toppling.orchestrator.interrupt import POLL_S, held_back
 from toppling.orchestrator.leaving import announced_exit, let_leave_in_order
 from toppling.orchestrator.local_workers import LocalWorkers
 from toppling.orchestrator.task import COMPILING, RunKey, UnfitWorkerError, check, must_compile
@@ -35,8 +35,6 @@ BACK_WITHIN_S = 120.0
 """Time within which a lost external scheduler may be restarted, s."""
 
 _UNREACHABLE = (errno.EHOSTUNREACH, errno.ENETUNREACH, errno.ENETDOWN, errno.EHOSTDOWN, errno.EADDRNOTAVAIL)
-_LOOK_S = 0.1
-"""Interval between attempts at a check, s."""
 _WAIT_S = 1.0
 """Timeout of a wait for the first worker, s."""
 _WORTH_A_WORKER_S = 15.0
@@ -93,7 +91,7 @@ def make_ready(client: Client, *run_keys: RunKey, report: Callable[[str], object
             log.warning("%s: waiting %g s for it to come back", LOST, BACK_WITHIN_S)
         if time.monotonic() > end:
             break
-        time.sleep(_LOOK_S)
+        time.sleep(POLL_S)
     raise RunError(f"{LOST}, and none came back within {BACK_WITHIN_S:g} s")
 
 

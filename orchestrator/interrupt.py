@@ -22,8 +22,8 @@ _PATIENCE_S = 60
 """Time after the first signal at which the process is ended forcibly, s."""
 ENDS = (signal.SIGTERM, signal.SIGHUP)
 """Signals that are treated like Ctrl-C."""
-_LOOK_S = 0.1
-"""Interval between checks whether the KeyboardInterrupt is still propagating, s."""
+POLL_S = 0.1
+"""Interval between checks of a state that nothing announces, s: an interrupt, a lost scheduler, a last job."""
 
 _Entered = TypeVar("_Entered")
 
@@ -80,7 +80,7 @@ def _stop_once(signum: int, frame: FrameType | None) -> None:  # noqa: ARG001  (
     threading.excepthook = lambda _: None
     _STOP.asked_at = time.monotonic()
     signal.signal(signal.SIGALRM, _look)
-    signal.setitimer(signal.ITIMER_REAL, _LOOK_S, _LOOK_S)
+    signal.setitimer(signal.ITIMER_REAL, POLL_S, POLL_S)
     _raise_unless_held()
 
 

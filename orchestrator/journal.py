@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from toppling.models.errors import InputError, refusals
-from toppling.models.files.given import TAIL_BYTES, open_given
+from toppling.models.files.given import END_BYTES, open_given
 
 LOG_FILE = "run.log"
 _CHECKSUM = b', "crc32": "'
@@ -53,7 +53,7 @@ def last(run: Path, *events: str) -> dict[str, Any] | None:
     """Newest entry of the given events near the end of a run's log; None if there is none."""
     try:
         with open_given(run / LOG_FILE, _no_log) as file:
-            begin = file.seek(max(file.seek(0, os.SEEK_END) - TAIL_BYTES, 0))
+            begin = file.seek(max(file.seek(0, os.SEEK_END) - END_BYTES, 0))
             lines = file.read().splitlines()
     except (InputError, OSError):
         return None

@@ -12,9 +12,7 @@ from typing import Any
 from toppling.models.errors import InputError, did_you_mean
 from toppling.models.files.documents import is_number, shown
 from toppling.models.files.folder import local, path_named_in
-
-_MOST_ON_AN_AXIS = 50_000
-"""Maximum number of levels, azimuths, coefficients or records; azimuths in steps of 0.01 degrees are 36,000."""
+from toppling.models.files.schemas import MOST_JOBS
 
 REQUIRED: Any = type("Required", (), {"__repr__": lambda _: "REQUIRED"})()
 
@@ -191,17 +189,17 @@ def _of_range(given: Mapping[str, Any], place: Place) -> list[float]:
         )
     # A tolerance of 5e-4 steps lets 0.1 + 0.1 + 0.1 reach a stop of 0.3; rounding restores 0.3.
     many = (float(stop) - float(start)) / step
-    if not many < _MOST_ON_AN_AXIS:
+    if not many < MOST_JOBS:
         what = f"{shown(given)} holds {many:.3g} numbers"
-        raise place.wrong("campaign.list_too_long", what, f"at most {_MOST_ON_AN_AXIS}", "take a larger step")
+        raise place.wrong("campaign.list_too_long", what, f"at most {MOST_JOBS}", "take a larger step")
     return [round(start + index * step, 12) for index in range(int(many + 5e-4) + 1)]
 
 
 def distinct(values: list, place: Place) -> list:
     """Check that values are distinct and not too many, and return them."""
-    if len(values) > _MOST_ON_AN_AXIS:
+    if len(values) > MOST_JOBS:
         raise place.wrong(
-            "campaign.list_too_long", f"{len(values)} values", f"at most {_MOST_ON_AN_AXIS}", "leave some out"
+            "campaign.list_too_long", f"{len(values)} values", f"at most {MOST_JOBS}", "leave some out"
         )
     if repeated := [shown(value) for value, count in Counter(values).items() if count > 1]:
         what = f"{', '.join(sorted(repeated)[:10])} given twice"

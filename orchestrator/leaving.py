@@ -17,14 +17,14 @@ from distributed import Client, Nanny, Status, Worker
 from distributed.diagnostics.plugin import WorkerPlugin
 from distributed.protocol.pickle import dumps
 
+from toppling.orchestrator.interrupt import POLL_S
+
 log = logging.getLogger(__name__)
 
 LEAVING = threading.Event()
 """Set in a worker's process that is to exit: the current batch ends with its current job."""
 _GRACE_S = 5.0
 """Time for the current job, and then for returning rows, s; clouds and batch systems give half a minute."""
-_LOOK_S = 0.02
-"""Interval between checks whether the current job has ended, s."""
 _PLUGIN = "toppling-leaving"
 _EXIT_EVENT = {"action": "closing-worker", "reason": "told to leave"}
 """Event that announces an exit, in the form of Dask's event, which a worker sends only when it closes."""
@@ -110,7 +110,7 @@ async def _leave(worker: Worker) -> None:
     at_hand, now = {task.key for task in worker.state.executing}, asyncio.get_running_loop().time
     end = now() + _GRACE_S
     while now() < end and at_hand & {task.key for task in worker.state.executing}:
-        await asyncio.sleep(_LOOK_S)
+        await asyncio.sleep(POLL_S)
     with contextlib.suppress(OSError, TimeoutError):  # the scheduler is lost too
         await asyncio.wait_for(worker.close_gracefully(reason="told to leave"), _GRACE_S)
     await worker.close(reason="told to leave")

@@ -19,7 +19,7 @@ import pyarrow.parquet as pq
 from toppling.models.errors import InputError, refusals
 from toppling.models.files import documents
 from toppling.models.files.folder import new_file
-from toppling.models.files.given import HEAD_BYTES, TAIL_BYTES, open_given
+from toppling.models.files.given import END_BYTES, HEAD_BYTES, open_given
 
 log = logging.getLogger(__name__)
 
@@ -174,7 +174,7 @@ def _place(file: IO[bytes], size: int) -> int | None:
     file.seek(max(size - 8, 0))
     end = file.read(8)
     footer = int.from_bytes(end[:4], "little") + 8 if end.endswith(b"PAR1") else 0
-    tail = min(max(TAIL_BYTES, footer), size)
+    tail = min(max(END_BYTES, footer), size)
     for begin, length in ((size - tail, tail), (0, HEAD_BYTES)):
         file.seek(begin)
         found = file.read(length).rfind(_MARK.encode())
@@ -203,8 +203,6 @@ _LEAST_BOUND_BYTES = 64_000_000
 """Memory that any table may take."""
 _BYTES_PER_BYTE = 200
 """Memory that it may take for each byte of its file besides: results and records take at most 40."""
-_LEAST_BOUND_ROWS = 10_000
-"""Number of rows that any table may have; else it has as many as its file has bytes at most."""
 _BOUNDED: dict[str, tuple[int, ...]] = {}
 """State of the files that were found to keep within."""
 
@@ -269,10 +267,7 @@ def check_bounds(path: Path) -> None:
         return
     footer = pq.read_metadata(path)
     most = _LEAST_BOUND_BYTES + _BYTES_PER_BYTE * state.st_size
-    if footer.num_rows > max(state.st_size, _LEAST_BOUND_ROWS):
-        what = f"counts {footer.num_rows:,} rows in {state.st_size:,} bytes"
-        raise _unbounded("table.too_large", what, path)
-    unpacked = decoded = 0
+    unpacked, decoded = 0, pa.float64().byte_width * footer.num_rows
     repeated: set[int] = set()
     for group in range(footer.num_row_groups):
         for index in range(footer.num_columns):

@@ -53,12 +53,14 @@ def local(path: str | os.PathLike[str]) -> Path:
 def path_named_in(folder: Path, text: str) -> Path:
     """Path that a file in a folder names; one of Windows, parted by backslashes, is read where only so it is there."""
     path = Path.home() / text[2:] if text.startswith("~/") else folder / text
-    return _spelled(folder / text.replace("\\", "/") if "\\" in text and not path.exists() else path)
+    return _spelled(
+        folder / text.replace("\\", "/") if "\\" in text and not os.access(path, os.F_OK) else path
+    )
 
 
 def _spelled(path: Path) -> Path:
     """The path as it is on disk, where letters and their accents may be apart, as macOS writes them."""
-    if str(path).isascii() or path.exists():
+    if str(path).isascii() or os.access(path, os.F_OK):  # false where a name is too long, too
         return path
     folder, asked = _spelled(path.parent), unicodedata.normalize("NFC", path.name)
     there = folder.iterdir() if folder.is_dir() else ()

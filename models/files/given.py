@@ -113,8 +113,8 @@ def check_lines(file: IO[bytes], path: Any, refuse: Refuse) -> None:
 
 HEAD_BYTES = 4000
 """Length of the beginning of a file that shows what it is."""
-TAIL_BYTES = 65_536
-"""Length of the end of a file that is searched for its last entry."""
+END_BYTES = 65_536
+"""Length of the beginning of a file that is searched for its header, and of the end for its last entry."""
 _FILLING = re.compile(rb"(?<![\0\x1a])[\0\x1a]++(?=[\r\n]|\Z)|(?<=[\r\n])[\0\x1a]++")
 """DOS' end of file, and zeros that fill a line or a block: never inside of a line, where they are damage.
 

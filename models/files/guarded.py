@@ -16,6 +16,7 @@ import os
 import resource
 import selectors
 import signal
+import struct
 import subprocess
 import sys
 import threading
@@ -44,7 +45,8 @@ _PATIENCE = 100.0
 """Ratio of wall-clock to processor time that is allowed: other work and slow file systems are no fault of a file."""
 _THREADS = 4
 """Number of threads of the libraries there: each has a stack and an arena that count as memory."""
-_HEADER_BYTES = 8
+_LENGTH = struct.Struct(">Q")
+"""Length of a header in bytes, which precedes it."""
 _IDLE_S = 20.0
 """Time without a request after which the process ends."""
 _Read = tuple[Any, list[NDArray]]
@@ -129,9 +131,9 @@ def _answer(process: subprocess.Popen, request: dict[str, Any]) -> _Read:
         if not ready.select(patience_s):
             stop()
             raise _EndedError(f"cannot be read: its reader gave no answer for {patience_s:.0f} s")
-    length = bytearray(_HEADER_BYTES)
+    length = bytearray(_LENGTH.size)
     _fill(process, length)
-    header = bytearray(int.from_bytes(length, "big"))
+    header = bytearray(*_LENGTH.unpack(length))
     _fill(process, header)
     answer = json.loads(header)
     arrays = []
@@ -223,7 +225,7 @@ def _serve(request: dict[str, Any], answers: BinaryIO) -> None:
     if "result" not in answer:
         arrays = []
     header = json.dumps(answer).encode()
-    answers.write(len(header).to_bytes(_HEADER_BYTES, "big") + header)
+    answers.write(_LENGTH.pack(len(header)) + header)
     for array in arrays:
         answers.write(array.data.cast("B") if array.size else b"")
     answers.flush()

@@ -17,12 +17,10 @@ from numpy.typing import ArrayLike, NDArray
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError, refusals
 from toppling.models.files import digest
-from toppling.models.files.given import bytes_given, check_lines, open_given
+from toppling.models.files.given import END_BYTES, bytes_given, check_lines, open_given
 from toppling.models.files.guarded import read_guarded
 from toppling.models.rock import check_triangles
 
-_HEAD_BYTES = 65_536
-"""Length of the beginning of a mesh file in which its header and its remarks are looked for."""
 _TYPES = {
     "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4",
     "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4",
@@ -94,7 +92,7 @@ def read_header(path: Path) -> _Header:
     Raises InputError if it is none of PLY, or counts more rows than the file can hold.
     """
     with open_given(path, _damaged_ply) as file:
-        head = file.read(_HEAD_BYTES)
+        head = file.read(END_BYTES)
         size = file.seek(0, 2)
     end = _END.search(head)
     if not head.startswith((b"ply\n", b"ply\r", b"ply \n", b"ply \r")) or end is None:
@@ -297,7 +295,7 @@ def remarks_of(path: Path) -> tuple[str, ...]:
     if suffix == ".ply":
         return read_header(path).remarks
     with open_given(path, _damaged) as file:
-        head = file.read(_HEAD_BYTES).decode("latin-1")
+        head = file.read(END_BYTES).decode("latin-1")
     if suffix == ".stl":
         text = head[:_STL_HEADER_BYTES].partition("\n")[0]
         return (re.sub("[^ -~]+", " ", text).removeprefix("solid ").strip(),)
@@ -346,7 +344,7 @@ def _parse_mesh(path: Path) -> tuple[None, list[NDArray]]:
 
 def _whole_stl(content: bytes, path: Path) -> bytes:
     """Content of an STL, of a binary one without zeros behind its triangles; one that lacks some is refused."""
-    head = content[:_HEAD_BYTES].lower()
+    head = content[:END_BYTES].lower()
     if head.lstrip().startswith(b"solid") and b"facet" in head:
         return content
     count = int.from_bytes(content[_STL_HEADER_BYTES : _STL_HEADER_BYTES + 4], "little")

@@ -57,11 +57,6 @@ _AZIMUTHS, _CORNERS_HZ = (-360.0, 360.0), (1e-4, 100.0)
 _AROUND = re.compile(r"^M[A-Za-z]{0,2}\s*=?\s*(?=\d)|(?<!\s)\s*km$")
 """Words beside a magnitude or a distance: Mw 6.9, 12 km."""
 _NO_PEAKS = (None, None, None)
-_LONGEST_NAME = 255
-"""Maximum number of bytes of a file's name: file systems have no longer ones."""
-_LONGEST_PATH = 2000
-"""Maximum number of bytes of a path, which leaves room for that of the table's folder."""
-
 _SAME_UNIT = 1e-3
 """Share by which two statements of one unit differ at most: g is 9.81 or 980 gal to some."""
 
@@ -193,12 +188,6 @@ class _Row:
         name = self.cells[key]
         if not name:
             self.refuse("metadata.file_missing", f"no file in column {key}", "a path", "name the file")
-        size = len(name.encode())
-        if size > _LONGEST_NAME and (
-            size > _LONGEST_PATH or any(len(part.encode()) > _LONGEST_NAME for part in Path(name).parts)
-        ):
-            what = f"the file in column {key} is {shown(name)}, a name of {len(name)} characters"
-            self.refuse("metadata.path_too_long", what, f"a path of names of at most {_LONGEST_NAME} bytes")
         return name
 
     def unit_m_s2(self) -> float | None:
@@ -280,7 +269,7 @@ def rows_given(table: Sequence[Entry], files: Sequence[Path]) -> list[tuple[Entr
             f"none of the {len(table)} rows of the metadata table names a file that is given:"
             f" the first looks for {looked_for}",
             "paths relative to the folder of the table",
-            "give this file or its folder too" if looked_for.exists() else "correct the paths in the table",
+            "give this file or its folder too, or correct its path in the table",
         )
     return rows
 

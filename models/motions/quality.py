@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from toppling.models.motions.formats.component import Component
 from toppling.models.motions.formats.record_text import PEAK_OFF
+from toppling.models.motions.formats.units import UNITS_M_S2
 from toppling.models.motions.measures import STANDARD_G_M_S2
 
 
@@ -57,7 +58,8 @@ _PEAKS_WORDS = f"PGV above {LARGEST_PGV_M_S:g} m/s, PGD above {LARGEST_PGD_M:g} 
 LIMITS_WORDS = f"{_PEAKS_WORDS}, or scaled above {LARGEST_FACTOR:g}-fold"
 _QUESTIONABLE_M_S2 = 5 * STANDARD_G_M_S2
 _USUAL_PGA_M_S2, _USUAL_PGV_M_S = 1.5 * STANDARD_G_M_S2, 1.5
-_COMMON_UNITS_M_S2 = {"g": STANDARD_G_M_S2, "m/s2": 1.0, "cm/s2": 0.01, "mm/s2": 0.001}
+_COMMON_UNITS_M_S2 = {name: UNITS_M_S2[name] for name in ("g", "m/s2", "cm/s2", "mm/s2")}
+"""Units that are mistaken for each other."""
 _CLIPPED_SAMPLES = 10
 """Number of samples at the extreme from which an instrument was clipped."""
 _CLIPPED_RUN = 4

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from toppling.models.arrays import Array, Indices, at_most
 from toppling.models.errors import refusals
 from toppling.models.files.documents import shown
+from toppling.models.files.given import LONGEST_NAME
 from toppling.models.hidden_base.inspection import Inspection, inspection_of
 from toppling.models.hidden_base.intervals import base_sentences, volume_text
 from toppling.models.lengths import METRES
@@ -22,8 +23,6 @@ from toppling.models.scan.segment import NEITHER, ROCK
 from toppling.models.scan.surfels import SAMPLED_POINTS, SHOWN_POINTS, around, shade, thinned
 from toppling.models.scan.survey import CachedScan, Survey
 
-_MOST_PLACES = 1000
-"""Maximum number of places of each kind."""
 _FEWEST_POINTS = 3
 """Minimum number of points that define an interface."""
 
@@ -75,7 +74,7 @@ class UserHints:
             elif name in _WORDS:
                 values[name] = _word(value, _WORDS[name], name)
             elif name in _MANY:
-                if not isinstance(value, list) or len(value) > _MOST_PLACES:
+                if not isinstance(value, list):
                     raise _unusable("hint.value_unusable", f"{name} is {shown(value)}", "the page")
                 values[name] = tuple(numbers(place, _MANY[name], name) for place in value)
             else:
@@ -116,12 +115,10 @@ _MANY = {"point": 3, "outline": 3, "touch": 3, "daylight": 3, "pull": 2}
 
 _WORDS = {"units": tuple(METRES), "up": (), "base": KINDS}
 """Allowed words of each hint; the upward axis is checked by its parser."""
-_LONGEST_WORD = 100
-"""Maximum number of characters of a word."""
 
 
 def _word(value: Any, among: tuple[str, ...], name: str) -> str:
-    if not isinstance(value, str) or len(value) > _LONGEST_WORD or (among and value not in among):
+    if not isinstance(value, str) or len(value) > LONGEST_NAME or (among and value not in among):
         raise _unusable("hint.value_unusable", f"{name} is {shown(value)}", "the page")
     if name == "up":
         upward(value)

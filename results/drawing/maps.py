@@ -39,9 +39,6 @@ from toppling.results.drawing.style import (
 
 _PALE = f"Pale: fewer than {FEW} records."
 
-_LAST_TICK = 0.85
-"""Fraction of a small panel's width beyond which ticks have no label, which would overlap the next panel's first."""
-
 _NO_RECORDS = "no records"
 
 _COLOUR_SCALE = Normalize(0, 1)
@@ -136,20 +133,14 @@ def _draw_direction(
         _draw_cells(axes, there, plane)
     else:
         axes.text(0.5, 0.5, _NO_RECORDS, transform=axes.transAxes, ha="center", va="center", color="0.4")
-    _few_ticks(axes)
+    axes.xaxis.set_major_locator(MaxNLocator(4, prune="upper"))  # its label would overlap the next panel's
+    axes.yaxis.set_major_locator(MaxNLocator(5))
     if reference is not None:
         _draw_lines(axes, reference[reference["azimuth_deg"] == direction_deg])
 
 
 def _counted(table: pd.DataFrame, records: int) -> str:
     return f"{int(table['jobs'].sum()):,} jobs, {records:,} records"
-
-
-def _few_ticks(axes: Axes) -> None:
-    left, right = axes.get_xlim()
-    ticks = np.asarray(MaxNLocator(4).tick_values(left, right))
-    axes.set_xticks(ticks[(ticks >= left) & (ticks <= left + _LAST_TICK * (right - left))])
-    axes.yaxis.set_major_locator(MaxNLocator(5))
 
 
 def _draw_cells(axes: Axes, table: pd.DataFrame, plane: Plane) -> None:

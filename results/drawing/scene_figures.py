@@ -25,6 +25,7 @@ from toppling.models.frames import quadrant_of
 from toppling.models.hidden_base.intervals import volume_text
 from toppling.models.pedestal import Pedestal
 from toppling.models.scene import Scene
+from toppling.models.smooth_mesh import CREASE_DEG
 from toppling.results.drawing.roses import emptiest_deg, mark_winds, wind_of
 from toppling.results.drawing.style import (
     ALARM_COLOUR,
@@ -39,9 +40,6 @@ from toppling.results.drawing.style import (
 )
 from toppling.results.drawing.templates import rendered
 from toppling.results.replayed_job import STILL_FRACTION, Replay
-
-_CREASE_DEG = 35.0
-"""Angle between faces above which their edge is drawn sharp, degrees: blocks have edges, boulders are smooth."""
 
 _AMBIENT = 0.45
 """Fraction of ambient light."""
@@ -61,9 +59,9 @@ class Surface:
 
 
 def smooth_surface(vertices_m: Array, faces: NDArray[np.int64], colour: str) -> Surface:
-    """Surface of a mesh whose edges are sharp where faces meet at more than `_CREASE_DEG`."""
+    """Surface of a mesh whose edges are sharp where faces meet at more than `CREASE_DEG`."""
     mesh = trimesh.Trimesh(vertices_m, faces, process=False)
-    smooth = trimesh.graph.smooth_shade(mesh, angle=np.deg2rad(_CREASE_DEG))
+    smooth = trimesh.graph.smooth_shade(mesh, angle=np.deg2rad(CREASE_DEG))
     return Surface(
         np.asarray(smooth.vertices, float),
         np.asarray(smooth.vertex_normals, float),

@@ -16,6 +16,7 @@ from toppling.results.drawing.style import (
     ALARM_COLOUR,
     COLOURS,
     FULL_WIDTH_IN,
+    LINE_IN,
     cut,
     measure_label,
     plain_log,
@@ -26,8 +27,6 @@ from toppling.results.schema import TOPPLED_OUTCOMES
 
 _MOST_NAMED = 60
 """Maximum number of rocks, or of rows and columns of a matrix, that are labelled."""
-_ROW_IN = 0.16
-"""Height of a labelled row, inches."""
 _THUMBNAIL_IN = 2.2
 """Side of a thumbnail, inches."""
 
@@ -41,7 +40,7 @@ def fragilities_figure(rocks: Sequence[RockResults], measure: str, width_in: flo
     drawn = sorted(
         (rock for rock in rocks if rock.curve), key=lambda rock: rock.curve.median if rock.curve else 0.0
     )
-    rows_in = _ROW_IN * min(len(drawn), _MOST_NAMED)
+    rows_in = LINE_IN * min(len(drawn), _MOST_NAMED)
     in_row = width_in >= FULL_WIDTH_IN
     with style():
         size = (width_in, max(3.0, rows_in + 0.8)) if in_row else (width_in, 3.2 + max(2.0, rows_in + 0.6))
@@ -177,7 +176,7 @@ def scenarios_figure(rows: pd.DataFrame, matrix: pd.DataFrame) -> Figure:
     matrix: fraction by rock (rows) and scenario (columns).
     """
     placed = rows.dropna(subset=["longitude", "latitude"]).groupby("rock", sort=True)
-    height = 1.6 + _ROW_IN * min(len(matrix), _MOST_NAMED)
+    height = 1.6 + LINE_IN * min(len(matrix), _MOST_NAMED)
     with style():
         size = (FULL_WIDTH_IN, height + (4.4 if len(placed) else 0.0))
         figure = Figure(figsize=size, layout="constrained")

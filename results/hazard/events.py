@@ -12,7 +12,7 @@ from scipy.special import ndtr
 
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
-from toppling.results.analysis.lognormal import Lognormal, Surface
+from toppling.results.analysis.lognormal import STEPS, Lognormal, Surface
 from toppling.results.hazard.ages import Since
 from toppling.results.hazard.curves import HazardCurve, events_of_curves
 from toppling.results.hazard.tree import HazardTree
@@ -195,8 +195,6 @@ _SATURATED = 0.98
 """Fraction of the largest rate above which a curve is flat, so that the level of a rate is undefined."""
 _LEVELS = 320
 """Number of levels of the second measure in the search for g."""
-_STEPS = 60
-"""Maximum number of iterations of the search for g."""
 _CLOSE = 1e-4
 """Shift of ln(intensity) at which the search for g ends."""
 
@@ -266,7 +264,7 @@ def _coupled(second: HazardCurve, part: Array, reached: Array, scatter: float) -
         (wanted > wanted[0] + away) & (wanted < wanted[-1] - away) & (reached < _SATURATED * reached.max())
     )
     if scatter > 0 and len(inside):
-        for _ in range(_STEPS):
+        for _ in range(STEPS):
             modelled = ndtr((centre - y[:, None]) / scatter) @ part
             at = np.interp(
                 -np.log(reached), -np.log(np.maximum(modelled, 1e-300)) + 1e-9 * np.arange(len(y)), y

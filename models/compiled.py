@@ -109,7 +109,7 @@ FOLDER = _private_folder(cache_folder())
 class _VerifiedFile(numba.core.caching.IndexDataCacheFile):
     """A file of compiled code that ends with its digest: what is executed is what was compiled, to the bit.
 
-    One that does not have its digest is told and not loaded, so that its function is compiled anew.
+    One that does not have its digest is reported and not loaded, so that its function is compiled anew.
     """
 
     @contextlib.contextmanager

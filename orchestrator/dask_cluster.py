@@ -100,7 +100,7 @@ def check_workers(
 ) -> None:
     """Let every worker load the assets of the first run key; hosts that lack assets of any key receive them.
 
-    tell: receives the activity if workers must compile first.
+    report: receives the activity if workers must compile first.
     Raises InputError if a worker has other versions, or no access to the run's scene and ensemble.
     Raises RunError if the workers of a local cluster repeatedly die at their start.
     """

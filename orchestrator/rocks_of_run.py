@@ -52,7 +52,7 @@ class Settling:
 
     @property
     def moved_deg(self) -> float:
-        """Tilt about the rock's foot that would move its top as far."""
+        """Tilt about the rock's lowest point that would move its top as far."""
         return math.degrees(self.moved_m / self.height_m)
 
     @property

@@ -162,7 +162,7 @@ class Store:
         return there, sent
 
     def _send(self, name: str, source: IO[bytes], check: Callable[[], None]) -> int:
-        """Put an object; tell how many bytes were sent, or -1 where another process wrote it since `check`."""
+        """Put an object; return the number of bytes sent, or -1 where another process wrote it since `check`."""
         target = self._path(name)
         size = source.seek(0, os.SEEK_END)
         source.seek(0)
@@ -198,7 +198,7 @@ class Store:
             move(hidden, target)
 
     def _put(self, name: str, body: bytes | IO[bytes], **condition: str) -> bool:
-        """Put an object of S3; tell whether the condition held."""
+        """Put an object of S3; return whether the condition held."""
         from botocore.exceptions import ClientError
 
         try:
@@ -291,7 +291,7 @@ def _file_system(address: str) -> tuple[Any, str]:
 
 
 def no_answer(address: str, error: Exception) -> InputError:
-    """Tell what a store, or what reaches it, complains of."""
+    """Refusal with the first line of an error of a store, or of the package that reaches it."""
     lines = str(error).splitlines() or [type(error).__name__]
     return InputError(
         "store.no_answer",

@@ -218,7 +218,7 @@ def is_number(cell: str) -> bool:
 def _signs_in_numbers(
     rows: Sequence[tuple[int, list[str]]], sign: str | None, coordinates: bool
 ) -> tuple[str, str | None]:
-    """Decimal sign, and what parts thousands; a point and nothing where that cannot be told.
+    """Decimal sign, and what parts thousands; a point and nothing where the numbers do not decide it.
 
     Commas part thousands where each may, and numbers have decimal points or are parted by commas too; they are decimal
     where no number has a point, beside which dots may part thousands. Where all may be either nobody knows.

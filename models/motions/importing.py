@@ -422,7 +422,7 @@ def _are_same(a: Candidate, b: Candidate) -> bool:
 def _length(record: Record) -> NDArray[np.float64]:
     """Length of the horizontal vector on a common step: the same whichever way the instrument was set up.
 
-    Means over the step are as good as a resampling to tell records apart, at any ratio of the steps.
+    Means over the step are as good as a resampling to distinguish records, at any ratio of the steps.
     """
     time = np.arange(np.ceil(record.motion.duration_s / _COMPARED_STEP_S) + 1) * _COMPARED_STEP_S
     horizontal = record.motion.mean_between(time)[:, :2]

@@ -125,7 +125,7 @@ def with_motion_above(motion: Motion, corner_hz: float, share: float, random: np
     motion: Of whose content nothing is known above `corner_hz`.
     share: Root mean square of the noise over that of the component in the octave below.
     Returns Motion: Sampled finely enough for the noise; the given one where `share` is 0.
-    Raises InputError if the motion is sampled too coarsely to tell of the octave below the corner.
+    Raises InputError if the motion is sampled too coarsely to hold the octave below the corner.
     """
     if share == 0.0:
         return motion
@@ -145,7 +145,7 @@ def with_motion_above(motion: Motion, corner_hz: float, share: float, random: np
 
 
 def check_step(time_step_s: float, corner_hz: float, where: str = "motion above the band") -> None:
-    """Raise InputError if a motion is sampled too coarsely to tell of the octave below a corner."""
+    """Raise InputError if a motion is sampled too coarsely to hold the octave below a corner."""
     nyquist_hz = 0.5 / time_step_s
     if corner_hz > nyquist_hz:
         raise InputError(

@@ -15,7 +15,7 @@ _TAPER_SHARE = 0.05
 _HIGH_PASS_ORDER = 4
 """Order of the Butterworth filter after its two passes."""
 _LOWEST_CORNER_HZ = 0.001
-"""A filter with a lower corner would need hours of zeros beside the record."""
+"""Lowest corner of a filter, Hz: a lower one would need hours of zeros around the record."""
 _CORNERS_HZ = (0.05, 0.07, 0.1, 0.14, 0.2)
 """Corners that the displacement check tries, lowest first: beyond the last, shaking of M 7 itself is lost."""
 _QUIET_SHARE = 0.1

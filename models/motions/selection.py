@@ -53,7 +53,7 @@ class Deaggregation:
 def read_deaggregation(table: Path, imt: str | None = None, poe: float | None = None) -> Deaggregation:
     """Bins of a hazard deaggregation.
 
-    Kinds of table are told apart by their header: the columns of `_EDGES`, the contribution in any unit; nshmp-haz's
+    Kinds of table are recognised by their header: the columns of `_EDGES`, the contribution in any unit; nshmp-haz's
     `data.csv`; and OpenQuake's tables over magnitude and distance (`Mag_Dist`, `TRT_Mag_Dist`, `Mag_Dist_Eps`, of the
     mean or of realisations).
 

@@ -51,7 +51,7 @@ def grouped(components: Iterable[Component]) -> list[list[Component]]:
 def triple(group: Sequence[Component]) -> Triple:
     """Find the horizontals and the vertical of one station.
 
-    Horizontals that no bearing tells apart are in the order of their labels: X before Y, H1 before H2.
+    Horizontals that no bearing distinguishes are in the order of their labels: X before Y, H1 before H2.
 
     Raises InputError if there are not exactly two horizontal channels and at most one vertical.
     """

@@ -137,7 +137,7 @@ def scan_again(
     touch_only: bool = False,
     advance: Callable[..., None] = unseen,
 ) -> Scanned:
-    """Draw the base of a scanned scene again, with what its scan has worked out: no clouds are read.
+    """Draw the base of a scanned scene again from the data that its scan has stored: no clouds are read.
 
     Parameters
     ----------

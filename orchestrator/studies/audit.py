@@ -36,7 +36,7 @@ _COST_FRACTION = 0.09
 unless a number of jobs is requested."""
 
 _FIRST_JOBS = 4
-"""Number of jobs that each auditor repeats first, and doubles: what they cost tells how many it can afford."""
+"""Number of jobs that each auditor repeats first, and doubles: their cost decides how many it can afford."""
 
 _DRAWN_COLUMNS = ["job_id", "status", "wall_s", "finished_at"]
 

@@ -157,12 +157,12 @@ def scan(
 
     No laser sees the base of the rock. The command draws bases that are consistent with the scan and on which the rock
     stands as scanned, and keeps them in the scene. --contact, --touch, --daylight, --pull, --base and --outline narrow
-    them down. What the scan has worked out is kept, so that a hint found later needs no clouds: --again draws the bases
+    them down. The scan stores its intermediate results, so that a later hint needs no clouds: --again draws the bases
     again, in place of the former ones or in the folder --out.
 
     --pick shows the cloud in a browser, where hints are clicks. The page is served to this machine only, at an address
     that holds a secret; --port and --open concern it. From another machine: ssh -L PORT:127.0.0.1:PORT HOST. With
-    --again it opens at once on what the scan has kept, for hints on the base.
+    --again it opens at once on the stored results of the scan, for hints on the base.
 
     \b
     toppling scan station1.laz station2.laz --out scenes/rock

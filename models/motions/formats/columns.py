@@ -57,7 +57,7 @@ _MOST_COLUMNS = 12
 _MOST_FOOTER = 20
 """Maximum number of lines of text below the samples, which are left out."""
 _PROBED = 20
-"""Number of rows by which separator and decimal sign are told."""
+"""Number of rows by which separator and decimal sign are recognised."""
 _LEAST_ROWS = 2
 """Number of successive rows of one width that shows where the columns begin."""
 
@@ -92,11 +92,11 @@ _DERIVED = re.compile(
 _INTEGRATED, _ACCELERATED = (
     re.compile(words, re.IGNORECASE) for words in (r".*\b(?:velocity|displacement)\b.*", "acc|acel")
 )
-"""Text above that tells of velocity, and of acceleration."""
+"""Text above the samples that names velocity, and acceleration."""
 _CHANGED = re.compile(
     r".*\b(?:scal(?:e|ing)[ _-]*factor|multipl(?:y|ier|ied)|polarity|reversed)\b.*", re.IGNORECASE
 )
-"""Text above that tells of a factor or a sign, which the samples may have or not."""
+"""Text above the samples that names a factor or a sign, which the samples may have or not."""
 _OTHER_UNIT = re.compile(r"(?:rad|deg|°)/s|dps|°?[cf]|[hk]?pa|[uµμ]t|m?v|volts?|%", re.IGNORECASE)
 
 _EPOCHS = {1e17: 1e-9, 1e14: 1e-6, 1e11: 1e-3}

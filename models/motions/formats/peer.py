@@ -97,7 +97,7 @@ def _count_and_step(file: RecordText, at: int) -> tuple[int, float]:
 
 
 def _title(line: str) -> tuple[str, str, str]:
-    """Event, station and component of either style of title; the date tells where event and station part.
+    """Event, station and component of either style of title; the date separates event and station.
 
     'Kocaeli Turkey, 8/17/1999, Duzce, 180': event and station may have commas. Older: 'KOCAELI 08/17/99, DUZCE, 180
     (ERD STATION 12)', where the date stays with the event, which has no number to tell it from its aftershocks.
@@ -111,6 +111,6 @@ def _title(line: str) -> tuple[str, str, str]:
 
 
 def _series(path: Path) -> str:
-    """Record sequence number in the file's name, which tells apart two records of one station."""
+    """Record sequence number in the file's name, which distinguishes two records of one station."""
     match = re.match(r"(RSN\d+)_", path.name, re.IGNORECASE)
     return match[1].upper() if match else ""

@@ -339,7 +339,7 @@ def stated_step_s(lines: Sequence[str]) -> float | None:
 
 
 def check_stated(lines: Sequence[str], step_s: float, shape: tuple[int, int], path: Path) -> None:
-    """Refuse samples that are not those that the lines above them tell of.
+    """Refuse samples that contradict the lines above them.
 
     shape: of the samples, rows and columns.
     Raises InputError if the lines state another time step, or another number of samples.

@@ -43,7 +43,7 @@ _SAME_STEP = 1e-6
 _EPISENSOR = 32
 """Kinemetrics' number of its accelerometer."""
 _KNET_UNIT = re.compile(rb"^Scale Factor\s+[\d.]+\s*\(gal\)\s*/", re.IGNORECASE | re.MULTILINE)
-"""ObsPy takes the factor for one of gal, whatever is said."""
+"""ObsPy takes the factor for one of gal, whatever unit is stated."""
 
 
 def read(path: Path, inventory: Any | None) -> list[Component] | None:
@@ -230,7 +230,7 @@ def _component(trace: Any, messages: tuple[str, ...], path: Path, inventory: Any
 
 
 def _place(stats: Any, inventory: Any | None) -> Place:
-    """Place by KiK-net's channel (1 to 3 are at the foot of the borehole, 4 to 6 at the surface), StationXML or SAC."""
+    """Place by KiK-net's channel (1 to 3 are at the base of the borehole, 4 to 6 at the surface), StationXML or SAC."""
     if stats.get("_format") == "KNET":
         return BOREHOLE if _series(stats) == "1" else FREE_FIELD
     if inventory is not None:

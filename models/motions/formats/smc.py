@@ -74,7 +74,7 @@ def read(file: RecordText) -> list[Component]:
 def _place(integers: NDArray[np.int_]) -> Place:
     """Place by integer 19, the type of structure, and the sensor's location in it: 25, 27 or 28.
 
-    The agency tells a structure from none: a building's ground floor is in a building too.
+    The agency distinguishes structures from the free field only: a building's ground floor is in a building too.
     """
     kind = int(integers[18])
     if kind == _BUILDING:

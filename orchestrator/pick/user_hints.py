@@ -23,6 +23,8 @@ from toppling.models.scan.segment import NEITHER, ROCK
 from toppling.models.scan.surfels import SAMPLED_POINTS, SHOWN_POINTS, around, shade, thinned
 from toppling.models.scan.survey import CachedScan, Survey
 
+_MOST_PLACES = 1000
+"""Maximum number of places of each kind."""
 _FEWEST_POINTS = 3
 """Minimum number of points that define an interface."""
 
@@ -74,7 +76,7 @@ class UserHints:
             elif name in _WORDS:
                 values[name] = _word(value, _WORDS[name], name)
             elif name in _MANY:
-                if not isinstance(value, list):
+                if not isinstance(value, list) or len(value) > _MOST_PLACES:
                     raise _unusable("hint.value_unusable", f"{name} is {shown(value)}", "the page")
                 values[name] = tuple(numbers(place, _MANY[name], name) for place in value)
             else:

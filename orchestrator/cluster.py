@@ -292,7 +292,7 @@ def _warn_of_open_door(address: str) -> None:
     if scheme in _ENCRYPTED or host == "localhost" or host.startswith("127.") or host == "::1":
         return
     log.warning(
-        "%s asks nobody for a key: whoever reaches it on the network can run code as the user of its workers. Start it "
+        "%s asks for no key: whoever reaches it on the network can run code as the user of its workers. Start it "
         "with certificates (docs/faults.md, 'Who is let in') and give tls://..., or bind it to 127.0.0.1",
         address,
     )

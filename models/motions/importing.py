@@ -146,7 +146,7 @@ def _prepared(name: str, channels: Triple, options: ImportOptions, entry: Entry 
     if azimuths is not None:
         measures["between_horizontals_deg"] = float(apart_deg(*azimuths))
     if quality == "drifting":
-        warnings += ("its displacement still drifts after processing: doubt its PGV",)
+        warnings += ("its displacement still drifts after processing: its PGV is unreliable",)
     stated_deg = [c.direction for c in channels.channels[:2] if isinstance(c.direction, float)]
     if azimuths is None and stated_deg:
         warnings += (f"the azimuth {stated_deg[0]:g} of one horizontal counts only with that of the other",)
@@ -193,7 +193,7 @@ def _processed(
     quality, steps = "corrected" if corrected else "uncorrected", []
     if corrected is None:
         quality, found = ("uncorrected", "drifts") if drifts(motion) else ("sound", "is sound")
-        steps.append(f"nobody says if it was corrected: its displacement {found}")
+        steps.append(f"no file states whether it was corrected: its displacement {found}")
     if asked if asked is not None else quality == "uncorrected":
         motion, done = process(motion, corner_hz)
         return motion, "drifting" if any(DRIFTS in step for step in done) else "processed", [*steps, *done]

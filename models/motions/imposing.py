@@ -150,7 +150,7 @@ def check_step(time_step_s: float, corner_hz: float, where: str = "motion above 
     if corner_hz > nyquist_hz:
         raise InputError(
             "motion.step_too_coarse",
-            f"a time step of {time_step_s:g} s tells nothing below {corner_hz:g} Hz",
+            f"a time step of {time_step_s:g} s holds nothing below {corner_hz:g} Hz",
             where=where,
             expected=f"a corner of at most {nyquist_hz:g} Hz",
             remedy="give a smaller band_hz, or finer records",

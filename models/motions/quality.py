@@ -39,7 +39,7 @@ WARNINGS = {
     ),
     "pga": Warned("pga_m_s2", 0.0, 3.0 * STANDARD_G_M_S2, "PGA is {value:.3g} m/s2, more than 3 g"),
     "weak": Warned(
-        "pga_m_s2", 1e-3, math.inf, "PGA is {value:.2g} m/s2, which nobody feels: see that its unit is right",
+        "pga_m_s2", 1e-3, math.inf, "PGA is {value:.2g} m/s2, less than people feel: see that its unit is right",
     ),
     "pgv": Warned("pgv_m_s", 0.0, 3.0, "PGV is {value:.3g} m/s, more than {most:g} m/s"),
     "pulse": Warned(

@@ -515,7 +515,7 @@ def _time_step(file: RecordText, first: int, time: NDArray[np.float64], printed:
     tolerance = max(STEP_OFF * step, digit / 2 if regular else digit)
     wrong = np.flatnonzero(np.abs(steps - step) > tolerance)
     if len(wrong):
-        what = f"the time goes on by {steps[wrong[0]]:g} s where the step is {step:g} s: a gap or two steps"
+        what = f"the time advances by {steps[wrong[0]]:g} s where the step is {step:g} s: a gap or two steps"
         remedy = "fill or cut the gap, or resample the record to one step first"
         file.refuse("record.step_uneven", first + 1 + int(wrong[0]), what, "equal time steps", remedy)
     return round_step(mean, digit / len(steps))

@@ -346,7 +346,7 @@ def check_stated(lines: Sequence[str], step_s: float, shape: tuple[int, int], pa
     """
     stated = stated_step_s(lines)
     if stated is not None and abs(stated - step_s) > STEP_OFF * step_s:
-        what = f"the time goes on by {step_s:g} s, and by {stated:g} s by the text above"
+        what = f"the time advances by {step_s:g} s, and by {stated:g} s by the text above"
         refuse_file("record.step_contradicted", path, what, "one time step", "correct the text, or the times")
     counts = {int(value) for _, value in _stated(lines, "count") if value.isdecimal()}
     near = [

@@ -301,7 +301,7 @@ def _sites(rows: pd.DataFrame, mesh: Table | None, table: Table) -> dict[str, Ev
     if len(sites) < len(places):
         raise event_error(
             "site.not_told_apart",
-            f"has sites that the fields cannot tell apart of {table.path.name}",
+            f"has sites that the fields do not distinguish of {table.path.name}",
             mesh.path,
         )
     return sites

@@ -12,6 +12,8 @@ Indices = NDArray[np.int64]
 _Kind = TypeVar("_Kind", bound=np.generic)
 AT_ONCE = 200_000
 """Number of rows or pairs that are processed together: some 50 MB."""
+ROUNDING = 1e-12
+"""Relative error by rounding that comparisons of computed lengths, moments and weights allow."""
 
 
 def bounds_of(rows: Array) -> Array:

@@ -16,15 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, cKDTree
 
-from toppling.models.arrays import AT_ONCE, Array
+from toppling.models.arrays import AT_ONCE, ROUNDING, Array
 from toppling.models.caching import cached
 from toppling.models.errors import InputError
 from toppling.models.frames import plane_axes
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
-
-_ROUNDING = 1e-12
-"""Tolerance, relative to a surface's size, within which a triangle is vertical, or two are coplanar."""
 
 _PIECE_SHARE = 0.01
 """Length of the pieces of edges in the search of neighbours, as a fraction of the rock's size in plan."""
@@ -109,10 +106,10 @@ def _edges_that_stand_out(vertices_m: Array, faces: NDArray[np.int64]) -> NDArra
     normal = np.cross(along, before)
     side, other_side = normal[:, 2], along[:, 0] * other[:, 1] - along[:, 1] * other[:, 0]
     size_m = float(np.linalg.norm(np.ptp(vertices_m, axis=0)))
-    opposite = (side * other_side < 0) & (np.minimum(abs(side), abs(other_side)) >= _ROUNDING * size_m**2)
+    opposite = (side * other_side < 0) & (np.minimum(abs(side), abs(other_side)) >= ROUNDING * size_m**2)
     with np.errstate(divide="ignore", invalid="ignore"):
         rise_m = (normal * other).sum(axis=1) / side
-    joins_two[joins_two] = opposite & (rise_m >= -_ROUNDING * size_m)
+    joins_two[joins_two] = opposite & (rise_m >= -ROUNDING * size_m)
     edges = order[begins[~joins_two]]
     return np.column_stack([start[edges], end[edges]])
 
@@ -196,14 +193,14 @@ def height_below(places_m: Array, vertices_m: Array, faces: NDArray[np.int64], *
         return np.zeros(0)
     x, y = vertices_m[:, 0], vertices_m[:, 1]
     size_m = np.array([x.max() - x.min(), y.max() - y.min()])
-    low, high = places_m.min(axis=0) - _ROUNDING * size_m, places_m.max(axis=0) + _ROUNDING * size_m
+    low, high = places_m.min(axis=0) - ROUNDING * size_m, places_m.max(axis=0) + ROUNDING * size_m
     # A bit for each side of the places on which a vertex lies: a triangle with all on one side is below none.
     sides = ((x < low[0]) + 2 * (x > high[0]) + 4 * (y < low[1]) + 8 * (y > high[1])).astype(np.uint8)[faces]
     corners = vertices_m[faces[(sides[:, 0] & sides[:, 1] & sides[:, 2]) == 0]]
     flat = corners[:, :, :2]
     edge1, edge2 = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
     area = edge1[:, 0] * edge2[:, 1] - edge1[:, 1] * edge2[:, 0]
-    upright = np.abs(area) < _ROUNDING * (size_m**2).sum()
+    upright = np.abs(area) < ROUNDING * (size_m**2).sum()
     corners, flat, edge1, edge2, area = (a[~upright] for a in (corners, flat, edge1, edge2, area))
     rise1, rise2 = corners[:, 1, 2] - corners[:, 0, 2], corners[:, 2, 2] - corners[:, 0, 2]
     height = np.full(len(places_m), -np.inf if highest else np.inf)

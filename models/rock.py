@@ -13,7 +13,7 @@ from toppling.models.lengths import explaining_units
 
 _ROCK_HEIGHTS_M = (0.02, 100.0)
 """Range of heights, from stones on a shaking table to the tallest balanced rocks, m: outside it units are wrong."""
-_COARSEST_PER_HEIGHT = 1e-2
+COARSEST_PER_HEIGHT = 1e-2
 """Maximum step of a rock's coordinates, as a fraction of its height: coarser ones lose the shape."""
 _FAR_SIZES = 100.0
 """Distance from the origin, in diagonals, beyond which a mesh is integrated about a nearby point: moments grow with the
@@ -195,12 +195,12 @@ def _check_steps(vertices: Array, where: str) -> None:
     """Raise InputError if coordinates in single precision are so large that their steps lose the rock's shape."""
     single, height_m = vertices.astype(np.float32), float(np.ptp(vertices[:, 2])) if len(vertices) else 0.0
     step_m = float(np.spacing(np.abs(single).max(initial=0.0))) if (single == vertices).all() else 0.0
-    if step_m > _COARSEST_PER_HEIGHT * height_m > 0.0:
+    if step_m > COARSEST_PER_HEIGHT * height_m > 0.0:
         raise InputError(
             "coordinates.too_coarse",
             f"coordinates are in single precision, in steps of {step_m:.3g} m, and the rock is {height_m:.3g} m high",
             where=where,
-            expected=f"steps of at most {_COARSEST_PER_HEIGHT * height_m:.2g} m",
+            expected=f"steps of at most {COARSEST_PER_HEIGHT * height_m:.2g} m",
             remedy="export again in double precision, or with an offset taken away",
         )
 

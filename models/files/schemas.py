@@ -89,7 +89,7 @@ def check_run_document(
 
 BASES = "bases.json"
 """File of a scene with the draws of its base."""
-LABELS, WORKED_OUT = "labels.npz", "worked_out.npz"
+LABELS, SCAN_DATA = "labels.npz", "worked_out.npz"
 """Files of a scan in its scene's folder: the label of each point, and the data from which hints redraw the base."""
 GEOMETRY = ("rock.ply", "pedestal.ply", BASES)
 
@@ -151,7 +151,7 @@ _SHAPE: dict[str, Any] = {
         {"azimuth_deg": _AZIMUTH, "value": NUMBER.or_null(), "slides_m_s2?": NUMBER.or_null()},
     ],
     "report": _REPORT,
-    "files?": {f"{name}?": TEXT for name in (*GEOMETRY, LABELS, WORKED_OUT)},
+    "files?": {f"{name}?": TEXT for name in (*GEOMETRY, LABELS, SCAN_DATA)},
 }  # fmt: skip
 
 
@@ -167,7 +167,7 @@ _foreign = refusals(
 
 def digests_of_scene(folder: Path) -> dict[str, str | None]:
     """Digest of each file that was written into a scene's folder before its `scene.json`, which states them."""
-    names = [name for name in (*GEOMETRY, LABELS, WORKED_OUT) if (folder / name).exists()]
+    names = [name for name in (*GEOMETRY, LABELS, SCAN_DATA) if (folder / name).exists()]
     return {name: digest.stated(folder / name) for name in names}
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from toppling.models.arrays import Array, effective_number
+from toppling.models.arrays import ROUNDING, Array, effective_number
 from toppling.models.errors import InputError
 from toppling.models.frames import STANDARD_GRAVITY_M_S2
 from toppling.models.hidden_base.evidence import (
@@ -44,8 +44,6 @@ LEVEL = 0.9
 AZIMUTHS_DEG = np.arange(0.0, 360.0, 15.0)
 MOST_M_S2 = 100.0
 """Largest acceleration that is told, twice that of any record: none topples a slab down a slope."""
-_ROUNDING = 1e-12
-"""Of a share of weights."""
 _NEVER = 0.02
 """Weight of a candidate over the largest below which no pull is calculated for it."""
 _FITTING_SHARE = 1.0 / 3.0
@@ -137,7 +135,7 @@ def interval_of(
         order = draws.argsort(axis=0)
         share = weight[:, order].cumsum(axis=1) / weight.sum(axis=1)[:, None, None]
         level = np.array([_levels(effective_number(row)) for row in weight]).T[:, :, None, None]
-        first = (share >= level - _ROUNDING).argmax(axis=2)
+        first = (share >= level - ROUNDING).argmax(axis=2)
         low, median, high = np.take_along_axis(draws, order, axis=0)[first, np.arange(draws.shape[1])]
     # What the draws do not show is joined in quadrature, on each side.
     other = 1.645 * OTHER_ERRORS_SHARE * median
@@ -152,7 +150,7 @@ def _levels(count: float) -> list[float]:
 
 
 class ContradictionError(InputError):
-    """What was seen leaves no base on which the rock stands as scanned."""
+    """Observations that leave no base on which the rock stands as scanned."""
 
 
 def draw_bases(

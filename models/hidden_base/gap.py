@@ -60,14 +60,14 @@ class Relief:
         paraboloid = 0.5 * self.curvature_per_m * (off_m**2).sum(axis=1)
         shape += np.outer(paraboloid, paraboloid) + self.slope**2 * (off_m @ off_m.T)
         if self.bowl_m:
-            bowls = self.bowl_m * _outward_way(places_m)[:, None] ** np.array(self.bowl_powers)
+            bowls = self.bowl_m * _outward_fraction(places_m)[:, None] ** np.array(self.bowl_powers)
             shape += bowls @ bowls.T
         return self.level_m**2 + shape + self.rough_m**2 * _matern(apart / self.rough_length_m)
 
 
 @dataclass(frozen=True, eq=False)
 class BaseObservation:
-    """What is known of a gap."""
+    """Observations of the gap between rock and pedestal, with their errors."""
 
     places_m: Array  # (n, 2): where the gap is asked for
     known: Indices  # (m,): places where it was seen
@@ -115,7 +115,7 @@ class GapDraw:
     log_likelihood: float = 0.0  # of the seen rim alone, given the places known to touch
 
 
-def _outward_way(places_m: Array) -> Array:
+def _outward_fraction(places_m: Array) -> Array:
     """Share (n,) of the way from the middle of places to their convex outline: 0 in the middle, 1 on the outline."""
     outline, middle = ConvexHull(places_m).equations, places_m.mean(axis=0)
     reach = -(outline[:, :2] @ middle + outline[:, 2])
@@ -425,7 +425,7 @@ class Base:
 
 @dataclass(frozen=True, eq=False)
 class Underside:
-    """What was seen of the rock's underside, on the cells of a grid."""
+    """Observed parts of the rock's underside, on the cells of a grid."""
 
     grid: Grid
     # (shape): least height of the rock's points over the interface plane, 0 where there are none.

@@ -1,4 +1,4 @@
-"""What one knows of the base by inspection: places that touch, places where daylight shows through, pull tests."""
+"""Observations of the base by inspection: places that touch, places where daylight shows through, pull tests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the draws of an unseen base say, in words."""
+"""Results of the draws of an unseen base, in words."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _AS_IT_WAS = 0.05
 
 
 def base_sentences(report: Mapping[str, Any]) -> list[str]:
-    """What a person should know of a scanned rock's hidden base, from its scene's report; nothing without draws.
+    """Sentences on the hidden base of a scanned rock, from its scene's report; none without draws.
 
     The azimuths are those of the ground acceleration; the rock topples the other way.
     """
@@ -95,7 +95,7 @@ def narrowing_pull(found: Mapping[str, Any]) -> tuple[str, float]:
 
     found: what the draws of an unseen base say.
     """
-    pulls = [each for each in found.get("next_observations", ()) if each["kind"] == PULL]
+    pulls = [observation for observation in found.get("next_observations", ()) if observation["kind"] == PULL]
     if not pulls:
         return "", np.inf
     best = min(pulls, key=lambda pull: pull["width"])
@@ -123,7 +123,7 @@ def _lift_off_sentences(table: list[dict[str, Any]], opening: list[dict[str, Any
 
 
 def inspection_sentence(table: list[dict[str, Any]], before: list[dict[str, Any]] | None) -> str:
-    """What hints do to the interval, with its width in both cases."""
+    """Effect of hints on the interval, with its width with and without them."""
     if before is None:
         return "without what is known by inspection no base agreed"
     width, was = median_width(table), median_width(before)

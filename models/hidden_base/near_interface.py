@@ -1,4 +1,4 @@
-"""What was seen of rock and pedestal near their interface, and where the rim goes on over a side unseen."""
+"""Observed parts of rock and pedestal near their interface, and the rim of a base where its side was not seen."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from scipy.spatial import ConvexHull, cKDTree
 from scipy.special import ndtri
 
 from toppling.models.arrays import Array, Flags, Indices
+from toppling.models.pedestal import STEEP
 from toppling.models.scan.crevice import not_strays
 from toppling.models.scan.interface import SECTORS, sectors, widest_gap_deg
 
@@ -53,8 +54,6 @@ _LEAST_PATCHES = 3
 """Fewest patches of a level in a direction."""
 _FITTED = 8
 """Lowest levels in which a side was seen, which tell its slope."""
-_STEEP = 0.5
-"""Upward part of the normals of a side that is led down: it lies within 30 degrees of the vertical."""
 _LEAST_SPAN = 0.35
 """Height over which a side must have been seen over the depth that it is led down: the far side's crown is no side."""
 _SPREAD = 0.08
@@ -72,7 +71,7 @@ class SidesSeen:
     @classmethod
     def of(cls, flat_m: Array, normals: Array, middle_m: Array) -> SidesSeen:
         """From patches (n, 3) of a rock, as u, v, h, and their normals (n, 3)."""
-        side = flat_m[normals[:, 2] < _STEEP]
+        side = flat_m[normals[:, 2] < STEEP]
         if len(side) < _LEAST_PATCHES or np.ptp(side[:, 2]) == 0.0:
             return cls(middle_m, np.zeros(LEVELS), np.full((LEVELS, SECTORS), np.nan))
         low_m, high_m = side[:, 2].min(), side[:, 2].max()
@@ -166,7 +165,7 @@ class UnseenSide:
         led_down: (m, 3), of :meth:`SidesSeen.led_down`.
         """
         hull = low[ConvexHull(low[:, :2]).vertices, :2]
-        ways, middle_m = normals, hull.mean(axis=0)
+        directions, middle_m = normals, hull.mean(axis=0)
         # The middle depends on where the range lies, and the range on the middle.
         for least_deg in (_SURMISED_DEG, _UNSEEN_DEG, _UNSEEN_DEG):
             rim = _Rim.about(middle_m, low, led_down)
@@ -176,8 +175,8 @@ class UnseenSide:
             ends_m, conic = seen.ends_m, None
             reached = np.vstack([hull, rim.places_m])
             if rim.unknown_deg[0] >= least_deg:
-                ways = _normals(low, middle_m) if ways is None else ways
-                conic = _Conic.between(rim.ends_m, ways)
+                directions = _normals(low, middle_m) if directions is None else directions
+                conic = _Conic.between(rim.ends_m, directions)
                 reached = np.vstack([reached, conic.arc_m()[_SAMPLES // 2]])
             # Of what is seen and the likeliest outline.
             axes = np.column_stack(_along_and_back(ends_m))
@@ -220,14 +219,15 @@ class UnseenSide:
         return self.middle_m + float(self.radii_m.max()) * np.array([[-1.0, -1.0], [1.0, 1.0]])
 
 
-def _shown(ways: Array) -> Indices:
-    count = np.bincount(sectors(ways), minlength=SECTORS)
+def shown_sectors(directions: Array) -> Indices:
+    """Sectors (k,) with at least three of some directions (n, 2 or 3), and a tenth of an average sector's."""
+    count = np.bincount(sectors(directions), minlength=SECTORS)
     return np.flatnonzero(count >= max(3.0, _LEAST_SHARE * count.mean()))
 
 
 @dataclass(frozen=True, eq=False)
 class _Rim:
-    """What is known of a rim about a middle, by sectors of directions."""
+    """Observations of a rim about a middle, by sectors of directions."""
 
     middle_m: Array  # (2,)
     sector: Indices  # (k,), in order
@@ -281,7 +281,7 @@ def _rim_seen(low: Array, middle_m: Array) -> tuple[Indices, Array]:
     """Sectors (k,) in which the rim was seen, and its distance (k,) from a middle."""
     offset = low[:, :2] - middle_m
     sector, away = sectors(offset), np.linalg.norm(offset, axis=1)
-    shown = _shown(offset)
+    shown = shown_sectors(offset)
     radii = []
     for direction in shown:
         own = sector == direction
@@ -310,7 +310,7 @@ class _Conic:
         along, back = _along_and_back(ends_m)
         flat = normals[np.linalg.norm(normals[:, :2], axis=1) > _HORIZONTAL]
         shown = (
-            _shown(np.column_stack([flat[:, :2] @ back, flat[:, :2] @ along])) + 0.5
+            shown_sectors(np.column_stack([flat[:, :2] @ back, flat[:, :2] @ along])) + 0.5
         ) * 360.0 / SECTORS - 180.0
         after = min(shown[shown >= 0.0], default=180.0)
         before = min(-shown[shown <= 0.0], default=180.0)

@@ -1,4 +1,4 @@
-"""What a scan saw of the gap between rock and pedestal, and what it leaves open."""
+"""Observations of the gap between rock and pedestal by a scan, and the places without any."""
 
 from __future__ import annotations
 
@@ -374,7 +374,7 @@ def _lowest_points(under: Underside, low: Array) -> Array:
 
 
 def _least_gap(under: Underside) -> Array:
-    """What a ray that lit the pedestal below the rock left free: more, the farther it went on inward."""
+    """Least gap along a ray that lit the pedestal below the rock: larger, the farther it went on inward."""
     lit = (
         under.hidden
         & (under.hole_depth < _LIT_CELLS)

@@ -36,7 +36,7 @@ TOLERANCE_SHARE = 0.05
 
 @dataclass(frozen=True)
 class Standing:
-    """What is known of how the rock stood before it was shaken."""
+    """Known attitude and contacts of the rock before it was shaken."""
 
     # How well the mesh's pose gives the pose in which the rock stood: of a base that tilts the rock by more
     # than this fewer are kept (normal distribution). Infinite if the mesh's attitude says nothing.

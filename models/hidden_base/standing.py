@@ -261,14 +261,14 @@ def intervals(drawn: DrawnBases, interface: Interface) -> dict[str, Any]:
     lift_off = drawn.lift_off_interval_m_s2()
     places = drawn.part.observed.places_m
     toward = np.deg2rad(AZIMUTHS_DEG)
-    ways = np.array([np.cos(toward), np.sin(toward), np.zeros(len(toward))]).T @ interface.axes
+    directions = np.array([np.cos(toward), np.sin(toward), np.zeros(len(toward))]).T @ interface.axes
     reach, count, touched = [], [], []
     for gap, com_m in zip(drawn.gaps, drawn.com_m, strict=True):
         touching = places[gap.gap_m <= 0.0]
         touched.append(touching)
         weight = interface.projected_m(com_m[None])[0]
         assert encloses(touching, weight)
-        reach.append(((touching - weight) @ ways[:, :2].T).max(axis=0))
+        reach.append(((touching - weight) @ directions[:, :2].T).max(axis=0))
         count.append(len(touching))
     outlines = [
         {"probability": share, "outline_m": interface.scene(_raised(corners, interface)).tolist()}
@@ -307,10 +307,10 @@ _OUTLINED, _ACROSS = (0.5, 0.95), 60
 def _outline_of(touched: list[Array], share: float) -> Array:
     """Corners (k, 2) of the places that the contacts (n, 2) of such a share of the draws enclose; none if few."""
     together = np.vstack(touched)
-    ways = [
+    ticks_m = [
         np.linspace(*ends, _ACROSS) for ends in zip(together.min(axis=0), together.max(axis=0), strict=True)
     ]
-    nodes = np.stack(np.meshgrid(*ways), axis=-1).reshape(-1, 2)
+    nodes = np.stack(np.meshgrid(*ticks_m), axis=-1).reshape(-1, 2)
     planes = [ConvexHull(hull).equations for hull in touched]
     inside = np.mean([(nodes @ hull[:, :2].T + hull[:, 2] <= 0.0).all(axis=1) for hull in planes], axis=0)
     enclosed = nodes[inside >= share]

@@ -13,26 +13,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from toppling.models.arrays import Array, Flags
+from toppling.models.arrays import AT_ONCE, Array, Flags
 from toppling.models.errors import InputError, refusals
-from toppling.models.files.given import check_lines, open_given
+from toppling.models.files.given import END_BYTES, check_lines, open_given
 from toppling.models.lengths import check_remarks, other_unit_in
 from toppling.models.scan import o3d, placement
 from toppling.models.scan.plausible import coordinate_steps
-from toppling.models.scan.text import NOWHERE, Pose, in_survey
+from toppling.models.scan.text import NOWHERE, UNIT_ROTATION, Pose, in_survey
 
 _NOISE = (7, 18)
 """Classes of low and high noise in the LAS specification."""
 _POINTS_PER_BYTE = {".las": 1, ".laz": 256, ".e57": 8}
 """More than so many cannot be packed into a byte: a million points that are all equal take 7 kB of LAZ, 140 to one."""
-_POINTS_AT_ONCE = 500_000
-_PCD_HEADER_BYTES = 8192
 _RECORDS = (100, 54), (243, 60)
 """Where a LAS file counts its records and its extended ones, and the fewest bytes that one takes."""
-_WKT = 2112
-"""LAS's record of a coordinate system in words."""
-_UNIT_QUATERNION = 1e-3
-"""How far from one the length of a rotation's quaternion may be: writers round to four digits."""
 _LZF_RATIO = 100
 """Largest size over that compressed of PCD's: three bytes stand for at most 264."""
 _INVALID = "cartesianInvalidState", "sphericalInvalidState"
@@ -67,7 +61,7 @@ def las(path: Path) -> Points:
         points = np.empty((header.point_count, 3))
         station = np.empty(header.point_count, np.int32)
         filled = read = 0
-        for every in source.chunk_iterator(_POINTS_AT_ONCE):
+        for every in source.chunk_iterator(AT_ONCE):
             read += len(every)
             deleted = _deleted(every)
             chunk = every[~deleted] if deleted.any() else every
@@ -93,7 +87,7 @@ def classes(path: Path) -> Points:
     with laspy.open(path) as source:
         parts = [
             np.asarray(every.classification, np.uint8)[~_deleted(every)]
-            for every in source.chunk_iterator(_POINTS_AT_ONCE)
+            for every in source.chunk_iterator(AT_ONCE)
         ]
     return {}, [np.concatenate(parts)]
 
@@ -112,14 +106,17 @@ def _las_system(source: Any, path: Path) -> placement.Reference | None:
 
     Raises InputError if both are there and differ in unit, or as those of `reference`.
     """
+    from laspy.vlrs import known
+
     records = [*source.header.vlrs, *(source.evlrs or ())]
     content = {
         record.record_id: record.record_data_bytes()
         for record in records
         if record.user_id.strip("\0 ") == "LASF_Projection"
     }
-    wkt = content.get(_WKT, b"").decode("latin-1").strip("\0 \r\n")
-    keys, doubles = (content.get(key, b"") for key in (placement.GEO_KEYS, placement.GEO_DOUBLES))
+    kinds = known.WktCoordinateSystemVlr, known.GeoKeyDirectoryVlr, known.GeoDoubleParamsVlr
+    words, keys, doubles = (content.get(kind.official_record_ids()[0], b"") for kind in kinds)
+    wkt = words.decode("latin-1").strip("\0 \r\n")
     meant = bool(wkt) and source.header.global_encoding.wkt
     try:
         by_keys = placement.of_geo_keys(keys, doubles, str(path)) if keys else None
@@ -221,7 +218,7 @@ def _e57_pose(node: Any, path: Path) -> Pose:
     turn, shift = _part(node, "rotation", "xyzw", path), _part(node, "translation", "xyz", path)
     if turn is None:
         return None, shift
-    if not (np.isfinite(turn).all() and abs(np.linalg.norm(turn) - 1.0) < _UNIT_QUATERNION):
+    if not (np.isfinite(turn).all() and abs(np.linalg.norm(turn) - 1.0) < UNIT_ROTATION):
         raise _damaged(
             "cloud.pose_unusable",
             f"a scan's pose turns by {turn.tolist()} (x, y, z, w), which is no unit quaternion",
@@ -244,7 +241,7 @@ def _part(node: Any, part: str, names: str, path: Path) -> Array | None:
 
 
 def _e57_system(source: Any, headers: list[Any], path: Path) -> placement.Reference | None:
-    """What a file says of its coordinates in words.
+    """Coordinate system that a file states in words.
 
     Raises InputError if that is another unit than metres, which are E57's by its standard: nobody can tell which is
     right.
@@ -282,7 +279,7 @@ def pcd(path: Path) -> Points:
         np.zeros(len(points)),
     )
     with open_given(path, _damaged) as file:
-        head = file.read(_PCD_HEADER_BYTES).partition(b"\nDATA")[0].decode("latin-1")
+        head = file.read(END_BYTES).partition(b"\nDATA")[0].decode("latin-1")
     remarks = [line.lstrip("# ") for line in head.splitlines() if line.startswith("#")]
     header = _system_stated(lambda: check_remarks(remarks, str(path)))
     return header | {"step": coordinate_steps(points).tolist()}, [points, station.astype(np.int32)]
@@ -291,7 +288,7 @@ def pcd(path: Path) -> Points:
 def _pcd_points(path: Path) -> int:
     """Points that a PCD's header counts, if the file can hold them: Open3D leaves what is missing unset."""
     with open_given(path, _damaged) as file:
-        head = file.read(_PCD_HEADER_BYTES)
+        head = file.read(END_BYTES)
     header: dict[str, list[str]] = {}
     at = 0
     for line in head.splitlines(keepends=True):

@@ -39,7 +39,7 @@ def extended_side(base: UnseenSide, flat_m: Array, normals: Array, step_m: float
     upright = normals[:, 2] < LEVEL
     side, sides = flat_m[upright], SidesSeen.of(flat_m, normals, base.middle_m)
     levels = np.linspace(side[:, 2].min(), side[:, 2].max(), LEVELS + 1)
-    height_m, rings, ways = np.diff(levels)[0], [], []
+    height_m, rings, directions = np.diff(levels)[0], [], []
     for low_m, high_m in pairwise(levels):
         patches = side[(side[:, 2] >= low_m) & (side[:, 2] < high_m)]
         around = _unseen(patches, normals[upright], sides.led_down(0.5 * (low_m + high_m)))
@@ -52,10 +52,10 @@ def extended_side(base: UnseenSide, flat_m: Array, normals: Array, step_m: float
         inside = around.in_range(far) & base.in_range(places)
         for up in np.arange(low_m, high_m, min(step_m, height_m)):
             rings.append(np.column_stack([places, np.full(len(places), up)])[inside])
-            ways.append(out[inside])
+            directions.append(out[inside])
     if not rings or not sum(map(len, rings)):
         return np.zeros((0, 3)), np.zeros((0, 3))
-    places, direction = np.vstack(rings), np.vstack(ways)
+    places, direction = np.vstack(rings), np.vstack(directions)
     return places, _outward(places, direction)
 
 
@@ -232,7 +232,7 @@ def body_over(u: Array, v: Array, floor: Array, top_m: float) -> manifold3d.Mani
     border = np.concatenate([number[:-1, 0], number[-1, :-1], number[:0:-1, -1], number[0, :0:-1]])
     after = np.roll(border, -1)
     corners = (border, after, after + count), (border, after + count, border + count)
-    sides = np.concatenate([np.column_stack(each) for each in corners])
+    sides = np.concatenate([np.column_stack(columns) for columns in corners])
     faces = np.concatenate([up[:, ::-1], up + count, sides])
     return manifold3d.Manifold(manifold3d.Mesh64(vertices, faces.astype(np.uint64)))
 

@@ -64,8 +64,8 @@ class Grid:
     @property
     def nodes_m(self) -> Array:
         """Centres of the cells (*shape, 2)."""
-        ways = (np.arange(count) * self.cell_m for count in self.shape)
-        return np.stack(np.meshgrid(*ways, indexing="ij"), -1) + self.first_m
+        ticks_m = (np.arange(count) * self.cell_m for count in self.shape)
+        return np.stack(np.meshgrid(*ticks_m, indexing="ij"), -1) + self.first_m
 
 
 def smooth_sheet(grid: Grid, target: Array, weight: Array, tension: float = 1e-3) -> Array:

@@ -13,13 +13,14 @@ from scipy.sparse.linalg import spsolve
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from toppling.models.arrays import Array, Flags, Indices
+from toppling.models.ground.plane import FLAT_DEG, FLAT_SHARE
 from toppling.models.hidden_base.gap import CELLS_PER_HEIGHT
 from toppling.models.hidden_base.observed import PLACES_ACROSS
 from toppling.models.pedestal import Pedestal
 from toppling.models.relief import height_below
 from toppling.models.rock import Rock
 from toppling.models.scan.crevice import Grid, grid_laplacian, grid_triangles
-from toppling.models.scan.interface import Interface, Planes, Sheet, reweighted_plane
+from toppling.models.scan.interface import UPWARD, Interface, Planes, Sheet, reweighted_plane
 from toppling.models.scan.surfels import Surfels
 from toppling.models.scan.surroundings import Surroundings, few_triangles, is_ground
 from toppling.models.statics import CONTACT_SHARE_OF_HEIGHT, support_polygon_m
@@ -199,15 +200,10 @@ _RING_PER_HEIGHT = 0.12
 """Patches of the pedestal so near the rock tell how its surface goes on below."""
 _NARROW_PER_HEIGHT = 0.05
 """Distance of patches that tell a bent surface: what lies farther off may bend otherwise."""
-_UPWARD = 0.3
-"""Cosine to the vertical above which a patch can carry a rock."""
 _LEAST_PATCHES, _LEAST_RIM = 60, 12
 """Fewest patches of the ring, and of the rock's rim: four small feet show few."""
-_OFF_PER_HEIGHT, _ALIKE_DEG = 0.01, 2.0
-"""A surface so near to one plane below the rock, with normals so alike, is that plane, as for contacts (`ground.plane`)
-..."""
 _NEAR_PER_HEIGHT = 0.003
-"""... and at any normals one that is so near: less is not told from bumps."""
+"""Distance from a plane, over the rock's height, up to which a surface is it at any normals: bumps rise as high."""
 _LEAST_BEND_DEG = 3.0
 """Facets that differ by less, and curves whose rim slopes by less, are one plane."""
 _FACET_PER_HEIGHT = 0.004
@@ -269,12 +265,12 @@ def _is_single_plane(found: Sheet, below: Array, over: Array, height_m: float) -
     """Whether heights (n,) of a surface at places (n, 2) below a rock, and its normals there, are those of a plane."""
     plane, step = _fitted(np.column_stack([below, over])), 1e-3 * height_m
     off = np.abs(_heights(plane, below) - over).max() / height_m
-    if off <= _NEAR_PER_HEIGHT or off > _OFF_PER_HEIGHT:
+    if off <= _NEAR_PER_HEIGHT or off > FLAT_SHARE:
         return bool(off <= _NEAR_PER_HEIGHT)
     rises = [found.at(below + step * axis) - found.at(below - step * axis) for axis in np.eye(2)]
     normals = np.column_stack([-rises[0], -rises[1], np.full(len(below), 2.0 * step)])
     cosine = normals @ _normal(plane) / np.linalg.norm(normals, axis=1)
-    return bool(np.rad2deg(np.arccos(cosine.min())) <= _ALIKE_DEG)
+    return bool(np.rad2deg(np.arccos(cosine.min())) <= FLAT_DEG)
 
 
 def level_surface(surfels: Surfels, rock: Flags, height_m: float, plane: Interface) -> Interface:
@@ -296,7 +292,7 @@ def level_surface(surfels: Surfels, rock: Flags, height_m: float, plane: Interfa
 def _ring(surfels: Surfels, rock: Flags, height_m: float) -> tuple[Flags, Array, Array]:
     """Which patches carry a rock and lie beside it, the distance of each from it, and places (k, 3) of its rim."""
     away = cKDTree(surfels.points_m[rock]).query(surfels.points_m)[0]
-    adjacent = ~rock & (surfels.normals[:, 2] > _UPWARD) & (away < _RING_PER_HEIGHT * height_m)
+    adjacent = ~rock & (surfels.normals[:, 2] > UPWARD) & (away < _RING_PER_HEIGHT * height_m)
     if not adjacent.any():
         return adjacent, away, np.zeros((0, 3))
     near_ground = cKDTree(surfels.points_m[adjacent]).query(surfels.points_m[rock])[0]
@@ -328,7 +324,7 @@ def _lattice_m(below: Array, height_m: float) -> float:
 
 
 def _areas(points: Array) -> Array:
-    """What each patch stands for, but for a factor: more where few were measured."""
+    """Relative area that each patch represents: more where few were measured."""
     area = cKDTree(points).query(points, min(7, len(points)))[0][:, -1] ** 2
     return np.minimum(area, _MOST_OF_MEDIAN * np.median(area))
 
@@ -445,7 +441,7 @@ def _normal(plane: Array) -> Array:
 def _differ(first: Array, other: Array, flat: Array, height_m: float) -> bool:
     """Whether two facets are two: by their slopes, or by a step between them."""
     bent = np.rad2deg(np.arccos(min(1.0, float(_normal(first) @ _normal(other))))) > _LEAST_BEND_DEG
-    apart = np.abs(_heights(first, flat) - _heights(other, flat)).min() > 2.0 * _OFF_PER_HEIGHT * height_m
+    apart = np.abs(_heights(first, flat) - _heights(other, flat)).min() > 2.0 * FLAT_SHARE * height_m
     return bool(bent or apart)
 
 

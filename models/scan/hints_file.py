@@ -16,7 +16,7 @@ Place = Sequence[float]
 
 
 class ReadingHints(TypedDict, total=False):
-    """What a user says of what files hold, by the names of options; `up`, `length`, `gcp` in the model's frame."""
+    """Hints on the contents of files, by the names of options; `up`, `length`, `gcp` in the model's frame."""
 
     units: str | None
     up: str | Place | None

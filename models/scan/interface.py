@@ -56,7 +56,7 @@ class Sheet:
         return np.asarray(heights.max(axis=-1) if self.how == "hollow" else heights.min(axis=-1))
 
     def to_json(self) -> dict[str, Any]:
-        """What :meth:`of` reads."""
+        """Document that :meth:`of` reads."""
         return {
             item.name: value.tolist() if isinstance(value := getattr(self, item.name), np.ndarray) else value
             for item in fields(self)
@@ -72,7 +72,7 @@ class Sheet:
 
     @property
     def sentence(self) -> str:
-        """What it is, in words."""
+        """Shape of the surface, in words."""
         if self.how == "plane":
             return "the interface plane below the rock"
         slopes = np.rad2deg(np.arctan(np.hypot(*self.planes[:, 1:].T)))
@@ -99,15 +99,15 @@ def between_nodes(flat_m: Array, lattice_m: float, at_nodes: Callable[[Array], A
 def lattice(sheet: Sheet, low_m: Array, high_m: Array) -> Array:
     """Nodes (n, m, 2) of the lattice over a rectangle of u, v."""
     begin, end = np.floor(low_m / sheet.lattice_m), np.ceil(high_m / sheet.lattice_m)
-    ways = [sheet.lattice_m * np.arange(a, b + 1.0) for a, b in zip(begin, end, strict=True)]
-    return np.stack(np.meshgrid(*ways, indexing="ij"), axis=-1)
+    ticks_m = [sheet.lattice_m * np.arange(a, b + 1.0) for a, b in zip(begin, end, strict=True)]
+    return np.stack(np.meshgrid(*ticks_m, indexing="ij"), axis=-1)
 
 
 _CREVICE_VOXELS = (4.0, 8.0, 16.0, 32.0)
 """Distances, in widths of a patch, of the pedestal's patches from the rock's: the first with enough of them counts."""
 _LEAST_CREVICE_SURFELS, _LEAST_SECTORS = 30, 6
 """Patches that tell a plane, and directions of ten degrees in which they lie."""
-_LEVEL = 0.3
+UPWARD = 0.3
 """Upward part of a normal from which on a patch may carry a rock."""
 _TRIPLES, _DRAWN_AWAY, _STRAY = 500, 3.0, 7.0
 """Planes tried; how much nearer one must be to be believed; of its strays, how far off in the median distance."""
@@ -195,7 +195,7 @@ def _lining(surfels: Surfels, rock: Flags) -> Flags:
     """
     distance, _ = cKDTree(surfels.points_m[rock]).query(surfels.points_m)
     offset = surfels.points_m - surfels.points_m[rock].mean(axis=0)
-    top = ~rock & (surfels.normals[:, 2] > _LEVEL) & (offset[:, 2] < 0.0)
+    top = ~rock & (surfels.normals[:, 2] > UPWARD) & (offset[:, 2] < 0.0)
     sector = np.floor(np.arctan2(offset[:, 1], offset[:, 0]) / np.deg2rad(10.0))
     for reach in _CREVICE_VOXELS:
         near = top & (distance < reach * surfels.voxel_m)
@@ -283,9 +283,9 @@ class ScanWarning:
     sentence: str
 
 
-def sectors(ways: Array, count: int = SECTORS) -> Indices:
-    """Which of so many sectors each of some ways (n, 2 or 3) leads into."""
-    turn = np.arctan2(ways[:, 1], ways[:, 0]) / (2.0 * np.pi) + 0.5
+def sectors(directions: Array, count: int = SECTORS) -> Indices:
+    """Sector, of `count` around the vertical, of horizontal directions (n, 2 or 3)."""
+    turn = np.arctan2(directions[:, 1], directions[:, 0]) / (2.0 * np.pi) + 0.5
     return np.floor(turn * count).astype(np.int64) % count
 
 

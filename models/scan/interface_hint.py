@@ -1,4 +1,4 @@
-"""What the user knows of where rock and pedestal meet: a measured plane, picked points or a contact outline."""
+"""Hints on where rock and pedestal meet: a measured plane, picked points or a contact outline."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -14,13 +14,12 @@ from toppling.models.files.table import Table, places_in
 from toppling.models.frames import plane_normal, quadrant_of, slope_of_normal
 from toppling.models.scan.hints_file import outside_cloud
 from toppling.models.scan.interface import Interface, fit_interface
+from toppling.models.scan.placement import ONE_LINE
 from toppling.models.scan.surfels import Surfels
 from toppling.models.scan.text import named_columns
 
 _STEEPEST_DEG = 60.0
 """No rock stands on an interface steeper than this without sliding: friction coefficient 1.7."""
-_THINNEST = 0.02
-"""Picked points whose spread across is less than this share of their spread along lie on one line."""
 
 
 _unusable = refusals(
@@ -31,7 +30,7 @@ _unusable = refusals(
 
 @dataclass(frozen=True, eq=False)
 class InterfaceHint:
-    """What the user says about the interface, in the coordinates they said it in."""
+    """Hint on the interface, in the coordinates in which it was given."""
 
     interface: Interface  # taken as it is; its roughness is the misfit of the points that it was given by
     anchors_m: Array  # (k, 3): places at the contact, which tell the rock that is meant
@@ -75,7 +74,7 @@ class InterfaceHint:
             raise _unusable("interface.too_few_places", f"{len(points)} points are given", where)
         centre = points.mean(axis=0)
         _, spread, axes = np.linalg.svd(points - centre, full_matrices=False)
-        if spread[1] <= _THINNEST * spread[0]:
+        if spread[1] <= ONE_LINE * spread[0]:
             raise _unusable("interface.places_on_a_line", "the points lie on one line", where)
         normal = axes[2] * (np.sign(axes[2, 2]) or 1.0)
         steep = float(np.rad2deg(np.arccos(min(normal[2], 1.0))))
@@ -186,11 +185,11 @@ def seen_about_points(hint: InterfaceHint, surfels: Surfels, rock: Flags) -> Int
         return None
     height_m = float(np.ptp(surfels.points_m[rock, 2]))
     over_m = seen.flat(hint.anchors_m)[:, 2]
-    # Below the whole foot: places near each other tell little of how their plane goes on.
-    foot = seen.flat(surfels.points_m[rock])
-    low = foot[:, 2] < _FOOT_PER_HEIGHT * height_m
-    foot = np.vstack([foot[low], seen.flat(hint.anchors_m)]) * [1.0, 1.0, 0.0]
-    off_m = float(np.abs(np.append(over_m, hint.interface.flat(seen.scene(foot))[:, 2])).max())
+    # Below the whole base: places near each other tell little of how their plane goes on.
+    lowest = seen.flat(surfels.points_m[rock])
+    low = lowest[:, 2] < _FOOT_PER_HEIGHT * height_m
+    lowest = np.vstack([lowest[low], seen.flat(hint.anchors_m)]) * [1.0, 1.0, 0.0]
+    off_m = float(np.abs(np.append(over_m, hint.interface.flat(seen.scene(lowest))[:, 2])).max())
     if max(abs(over_m.mean()), 0.5 * np.abs(over_m).max()) > _POINTED_PER_HEIGHT * height_m:
         return None
     if off_m < _AGREES_PER_HEIGHT * height_m:
@@ -201,7 +200,7 @@ def seen_about_points(hint: InterfaceHint, surfels: Surfels, rock: Flags) -> Int
 
 
 def points_text(hint: InterfaceHint, seen: Interface) -> str:
-    """What to tell of places in whose stead the pedestal's plane was taken as it was seen."""
+    """Warning that the pedestal's plane was taken as it was seen, instead of given places."""
     heights_m = seen.flat(hint.anchors_m)[:, 2]
     dip_deg, toward_deg = slope_of_normal(seen.normal)
     return (

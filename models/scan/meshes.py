@@ -222,7 +222,7 @@ def _twisted(faces: Indices) -> float:
 def _seen(scene: Any, points: Array, normals: Array, size: float) -> Flags:
     seen = np.zeros(len(points), bool)
     left = np.arange(len(points))
-    for direction in _ways():
+    for direction in _all_around():
         rows = left[normals[left] @ direction > _GRAZING]
         start = points[rows] + _LIFT * size * normals[rows]
         rays = np.concatenate([start, np.broadcast_to(direction, start.shape)], axis=1).astype(np.float32)
@@ -235,7 +235,7 @@ def _seen(scene: Any, points: Array, normals: Array, size: float) -> Flags:
     return seen
 
 
-def _ways() -> Array:
+def _all_around() -> Array:
     """Unit vectors (n, 3) all around, from the zenith down."""
     number = np.arange(_DIRECTIONS)
     rise = 1.0 - 2.0 * number / (_DIRECTIONS - 1)

@@ -29,7 +29,7 @@ _APART_PER_HEIGHT = 0.05
 
 @dataclass(frozen=True)
 class Part:
-    """What names the points of a part: a file, or values of a scalar."""
+    """Selection of the points of a part: a file, or values of a scalar field."""
 
     option: str
     file: Path | None = None
@@ -58,7 +58,7 @@ class Part:
 
 
 def parts_of(rock: str | None, pedestal: str | None) -> tuple[Part | None, Part | None]:
-    """What the user says of the two."""
+    """Selections of rock and pedestal that the user gives."""
     return (Part.of(rock, "--rock") if rock else None, Part.of(pedestal, "--pedestal") if pedestal else None)
 
 

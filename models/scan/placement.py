@@ -18,8 +18,8 @@ from toppling.models.files.table import Table, places_in
 from toppling.models.frames import rotation_between
 from toppling.models.lengths import in_degrees
 
-_ONE_LINE = 0.02
-"""Points whose spread across is less than this share of that along lie on one line, about which the model can turn."""
+ONE_LINE = 0.02
+"""Points whose spread across is less than this share of that along lie on one line, and define no attitude."""
 _LARGEST_SHARE = 0.02
 """Residuals above this share of the points' extent are mistakes and no scatter."""
 _SIGNIFICANT = 1e-4
@@ -98,7 +98,7 @@ def fit_control_points(given: str | Path | Sequence[str], metres_per_unit: objec
     model, surveyed = rows[:, :3], rows[:, 3:] * (across, across, up)
     for side, places in (("model", model), ("survey", surveyed)):
         spread = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
-        if spread[1] <= _ONE_LINE * spread[0]:
+        if spread[1] <= ONE_LINE * spread[0]:
             raise _unusable(
                 "placement.points_on_a_line",
                 f"the points lie on one line in the {side}, about which the model could turn",
@@ -329,14 +329,14 @@ _SYSTEMS = (
 )
 _WKT = re.compile(rf"\b(?:{_SYSTEMS})\s*[\[(].*", re.DOTALL)
 _CODE = re.compile(r"\bEPSG\s*:+\s*(\d{4,6})\b", re.IGNORECASE)
-GEO_KEYS, GEO_DOUBLES = 34735, 34736
+_GEO_DOUBLES = 34736
 _MODEL, _GEOGRAPHIC_CODE, _PROJECTED_CODE = 1024, 2048, 3072
 _LINEAR_UNIT, _LINEAR_SIZE, _VERTICAL_CODE, _VERTICAL_UNIT = 3076, 3077, 4096, 4099
 _PROJECTED_MODEL, _GEOGRAPHIC_MODEL, _GEOCENTRIC_MODEL = 1, 2, 3
 _USER_DEFINED = 32767
 
 Reference = dict[str, Any]
-"""What JSON can say of it: `name`, `epsg` (or None), `metres_per_unit` [horizontal, vertical], `unit`, `note`."""
+"""Coordinate system in JSON: `name`, `epsg` (or None), `metres_per_unit` [horizontal, vertical], `unit`, `note`."""
 
 
 def of_wkt(wkt: str, where: str) -> Reference:
@@ -445,7 +445,7 @@ def _balanced(text: str) -> str:
 
 
 def _of_crs(crs: Any, where: str) -> Reference:
-    """What matters of PROJ's coordinate system."""
+    """Reference of a coordinate system of PROJ."""
     while crs.is_bound:
         crs = crs.source_crs
     parts = crs.sub_crs_list if crs.is_compound else [crs]
@@ -481,7 +481,7 @@ def _reference(name: str, epsg: int | None, across: float, up: float | None) -> 
 
 
 def _unit_name(across: float, up: float) -> str:
-    """What a person calls the units."""
+    """Name of the units across and up."""
     from pyproj.database import get_units_map
 
     known: dict[float, str] = {}
@@ -500,7 +500,7 @@ def _keys(keys: bytes, doubles: bytes) -> dict[int, float]:
         key, place, count, value = words[at : at + 4]
         if place == 0:
             values[key] = value
-        elif place == GEO_DOUBLES and count >= 1 and value < len(numbers):
+        elif place == _GEO_DOUBLES and count >= 1 and value < len(numbers):
             values[key] = numbers[value]
     return values
 

@@ -1,4 +1,4 @@
-"""What no cloud of a rock has: few points, degrees, the frame of the Earth, coordinates in coarse steps."""
+"""Properties that no cloud of a rock has: few points, degrees, the frame of the Earth, coordinates in coarse steps."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -8,11 +8,10 @@ import numpy as np
 from toppling.models.arrays import Array, Flags, Indices, bounds_of, distinct
 from toppling.models.errors import InputError
 from toppling.models.lengths import in_degrees
+from toppling.models.rock import COARSEST_PER_HEIGHT
 
-_TOLD_PER_HEIGHT = 1e-3
-"""Steps above this share of the rock's height are told with their effect."""
-_COARSEST_PER_HEIGHT = 1e-2
-"""Step over the height above which steps are as wide as patches, and the crevice is lost."""
+_REPORTED_PER_HEIGHT = 1e-3
+"""Step of coordinates, over the rock's height, above which its effect is reported."""
 _SAMPLE = 200_000
 _MULTIPLES = 0.9
 """Share of the distances between neighbouring values that must be multiples of a step."""
@@ -87,22 +86,22 @@ def _step(values: Array) -> float:
 
 
 def step_note(step_m: float, height_m: float, where: str = "coordinates") -> str:
-    """What steps of coordinates mean for a rock; empty where they are fine.
+    """Effect of the steps of coordinates on a rock's statics; empty where they are fine.
 
     step_m, height_m: widest step of the clouds, height of the rock. where: the file that has it.
     Raises InputError if they are so wide that the crevice is lost.
     """
-    if step_m > _COARSEST_PER_HEIGHT * height_m:
+    if step_m > COARSEST_PER_HEIGHT * height_m:
         raise InputError(
             "coordinates.too_coarse",
             f"coordinates come in steps of {step_m:.3g} m, and the rock is {height_m:.3g} m high",
             where=where,
-            expected=f"steps of at most {_COARSEST_PER_HEIGHT * height_m:.2g} m, a hundredth of the rock's height; "
-            f"{_TOLD_PER_HEIGHT * height_m:.1g} m or less lose nothing",
+            expected=f"steps of at most {COARSEST_PER_HEIGHT * height_m:.2g} m, a hundredth of the rock's height; "
+            f"{_REPORTED_PER_HEIGHT * height_m:.1g} m or less lose nothing",
             remedy="export again with more decimals, a smaller scale (LAS), in double precision, or with an offset "
             "taken away",
         )
-    if step_m <= _TOLD_PER_HEIGHT * height_m:
+    if step_m <= _REPORTED_PER_HEIGHT * height_m:
         return ""
     # A rock topples at g r / z: the arm r is half a step off, and its centre of mass about half the height z up.
     return (

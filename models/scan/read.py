@@ -55,7 +55,7 @@ _unreadable = refusals(
 
 @dataclass(frozen=True)
 class Source:
-    """What a file said of its coordinates, and what was made of them."""
+    """Coordinates as a file states them, and their conversion."""
 
     name: str
     points: int  # that stay
@@ -158,7 +158,7 @@ def read_clouds(
         unit that is not understood, survey coordinates in single precision, or points at 0, 0, 0 far from all others;
         or a mesh shows that it is not in metres or that z is not up.
     """
-    asked = _Said(unit, placement or Placement(), system)
+    asked = _Stated(unit, placement or Placement(), system)
     survey: list[Array] = []
     stations: list[NDArray[np.int32]] = []
     sources: list[Source] = []
@@ -218,8 +218,8 @@ def _leave_out_buried(
 
 
 @dataclass(frozen=True, eq=False)
-class _Said:
-    """What the user says of the coordinates."""
+class _Stated:
+    """Unit, placement and system of the coordinates, as the user states them."""
 
     unit: str | None
     placement: Placement
@@ -241,7 +241,7 @@ class _Said:
         return self.unit is not None or self.placement.says_scale or self.system is not None
 
 
-def _in_metres(read: _Read, path: Path, asked: _Said) -> tuple[Array, NDArray[np.int32], Source]:
+def _in_metres(read: _Read, path: Path, asked: _Stated) -> tuple[Array, NDArray[np.int32], Source]:
     """Finite points in metres, z up, and what became of the others."""
     points, station, counted = read.points, read.station, {**read.left_out}
     if not np.isfinite(points.sum()):
@@ -279,7 +279,7 @@ def _in_metres(read: _Read, path: Path, asked: _Said) -> tuple[Array, NDArray[np
     return points, _counted(station), source
 
 
-def _unit_of(read: _Read, asked: _Said) -> tuple[tuple[float, float], str, str]:
+def _unit_of(read: _Read, asked: _Stated) -> tuple[tuple[float, float], str, str]:
     """Metres of a unit across and upward, who says so, and what should be told of it."""
     if asked.placement.says_scale:
         return (1.0, 1.0), "", ""
@@ -305,7 +305,7 @@ def _unit_of(read: _Read, asked: _Said) -> tuple[tuple[float, float], str, str]:
     return stated, by, f"converted to metres as its coordinates are in other units ({by}){also}"
 
 
-def _read_file(path: Path, asked: _Said) -> _Read:
+def _read_file(path: Path, asked: _Stated) -> _Read:
     """Coordinates of a file in double precision, in its unit."""
     if not path.is_file():
         raise _unreadable(
@@ -347,7 +347,7 @@ def _read_file(path: Path, asked: _Said) -> _Read:
     return _Read(points, station, coordinate_steps(points), note=note)
 
 
-def _read_mesh(path: Path, asked: _Said) -> _Read:
+def _read_mesh(path: Path, asked: _Stated) -> _Read:
     """Points on a mesh of one or several pieces, open or closed."""
     vertices, faces = mesh_as_in_file(path)
     if not asked.unit_given:

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from toppling.models.arrays import Array, Flags, inside_box
+from toppling.models.arrays import AT_ONCE, Array, Flags, inside_box
 from toppling.models.errors import InputError, refusals
 from toppling.models.frames import shifted_and_turned
+from toppling.models.lengths import METRES, NAMES
 from toppling.models.scan import o3d
 from toppling.models.scan.plausible import MINIMUM_POINTS
 from toppling.models.scan.read import Cloud
@@ -27,7 +28,7 @@ _SAMPLED_POINTS, _SAMPLED_OF_STATION = 20_000, 5_000
 """Points of a file, and of a station, that are compared."""
 _LEAST_SHARE = 0.01
 """A station with fewer of its file's points changes nothing."""
-_LENGTHS_M = {"feet": 0.3048, "inches": 0.0254, "centimetres": 0.01, "millimetres": 0.001}
+_LENGTHS_M = {NAMES[unit]: METRES[unit] for unit in ("ft", "in", "cm", "mm")}
 _FITS_BETTER = 0.2
 """Share of the points that conversion must bring into place to give a file away; known ones gain 0.25 or more."""
 
@@ -172,7 +173,6 @@ _TOLERATED = 0.4
 copies, and patches of a surface are judged by how many points they have."""
 _SAMPLED, _ENOUGH = np.uint64(32), 20_000
 """One key in so many tells the share of copies, where there are enough: sorting all takes seconds."""
-_AT_ONCE = 1_000_000
 _MIXERS = (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB)
 """Odd factors that spread the bits of a coordinate (Steele, Lea and Flood 2014)."""
 
@@ -206,14 +206,14 @@ def _share(keys: NDArray[np.uint64]) -> float:
 def _keys(points_m: Array) -> NDArray[np.uint64]:
     """A number of 64 bits for each point: sorting one is far quicker than sorting rows of three."""
     keys = np.empty(len(points_m), np.uint64)
-    for start in range(0, len(points_m), _AT_ONCE):
-        bits = np.ascontiguousarray(points_m[start : start + _AT_ONCE]).view(np.uint64)
+    for start in range(0, len(points_m), AT_ONCE):
+        bits = np.ascontiguousarray(points_m[start : start + AT_ONCE]).view(np.uint64)
         key = np.zeros(len(bits), np.uint64)
         for axis, factor in enumerate(_MIXERS):
             key += bits[:, axis]
             key *= np.uint64(factor)
             key ^= key >> np.uint64(31)
-        keys[start : start + _AT_ONCE] = key
+        keys[start : start + AT_ONCE] = key
     return keys
 
 

@@ -1,4 +1,4 @@
-"""What a scan leaves unexplained: what nobody saw, where rock and pedestal may be one, points off the closed surface.
+"""Warnings of a scan: what was not seen, where rock and pedestal may be one, points off the closed surface.
 
 Only what statics rules out is refused: a rock that does not stand, and one of which a side was not seen. All else that
 speaks against a free block is one warning with what was seen, and a question to the user.
@@ -13,12 +13,12 @@ from scipy.spatial import cKDTree
 from toppling.models.arrays import Array, Flags, at_most
 from toppling.models.errors import InputError
 from toppling.models.frames import horizontal_unit_vector, quadrant_of, slope_of_normal
+from toppling.models.hidden_base.near_interface import shown_sectors
 from toppling.models.rock import Rock
 from toppling.models.scan import o3d
 from toppling.models.scan.candidates import LEAST_SURFELS
 from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.interface import (
-    SECTORS,
     Interface,
     ScanWarning,
     bearing_text,
@@ -38,8 +38,6 @@ _ONE_SIDE_DEG = 120.0
 """Width of the range of directions without any side of the rock from which it was seen from one side."""
 _UPRIGHT = 0.7
 """Sine of the dip above which a patch belongs to a side."""
-_SEEN_SHARE = 0.1
-"""Share of an average direction's patches with which a direction is seen."""
 _UNSEEN_RIM_DEG = 130.0
 """Width from which an unseen range of the rim is a warning: feet that carry a rock lie less than 180 degrees apart."""
 _MEET_VOXELS, _CREASE_DEG = 4.0, 30.0
@@ -123,8 +121,7 @@ def unseen_range(observed: ObservedRock, interface: Interface) -> tuple[float, f
     """Widest range of directions, degrees, in which no side of the rock was seen, and its middle azimuth."""
     normals = observed.surfels.normals[observed.patches]
     side = np.hypot(*(normals @ interface.axes)[:, :2].T) > _UPRIGHT
-    count = np.bincount(sectors(normals[side, :2]), minlength=SECTORS)
-    shown = np.flatnonzero(count >= max(3.0, _SEEN_SHARE * count.mean()))
+    shown = shown_sectors(normals[side, :2])
     return widest_gap_deg(shown) if len(shown) else (360.0, 0.0)
 
 

@@ -1,4 +1,4 @@
-"""What stands beside a rock where it tilts or slides: walls, neighbours, ledges, as a mesh of what it can reach."""
+"""Ground next to a rock that it can meet as it tilts or slides: walls, neighbours, ledges, as a mesh."""
 
 from __future__ import annotations
 
@@ -13,8 +13,9 @@ from scipy.spatial.transform import Rotation
 
 from toppling.models.arrays import Array, Flags, Indices
 from toppling.models.frames import quadrant_of
+from toppling.models.pedestal import STEEP
 from toppling.models.scan import o3d
-from toppling.models.scan.interface import Interface
+from toppling.models.scan.interface import SECTORS, Interface
 from toppling.models.scan.surfels import Surfels, in_plants, scene_of_rays
 from toppling.models.shapes import joined_parts
 
@@ -22,7 +23,6 @@ CELL_PER_HEIGHT = 0.03
 """Cells in which the rock's way is noted; what is a cell away from it is reached, as the rock slides a little too."""
 TILTS_DEG = np.arange(0.0, 54.0, 1.5)
 """Tilts that are looked at; beyond them the rock has fallen, and nothing catches it."""
-_WAYS = 36
 _BASE_PER_HEIGHT = 0.06
 """Height below which the rock may tip over a place."""
 _ABOVE_PER_HEIGHT = 0.05
@@ -31,8 +31,6 @@ _TOUCHING_VOXELS = 4.0
 """Distance from the rock within which a thick neighbourhood is both sides of a crevice, and not a plant."""
 _LEAST_PATCHES = 25
 """Least number of patches in reach that are no strays: an area of .05 by .05 of the height."""
-_STEEP = 0.5
-"""Cosine to the interface's normal below which a patch is no ground."""
 _HIGHEST_GROUND_PER_HEIGHT = 0.25
 _FROM_PER_HEIGHT = -0.02
 """The mesh begins so far from the interface."""
@@ -57,7 +55,7 @@ _JOINED_PER_HEIGHT, _HALVINGS = 0.25, 10
 
 @dataclass(frozen=True, eq=False)
 class Surroundings:
-    """What a tilting rock can reach beside it."""
+    """Mesh of the ground next to a rock that the tilting rock can reach."""
 
     # (n, 3): scene frame, counter-clockwise seen from the air.
     vertices_m: Array
@@ -69,7 +67,7 @@ class Surroundings:
 
     @property
     def sentence(self) -> str:
-        """What is kept, in words."""
+        """Extent of the mesh, in words."""
         return (
             f"what stands beside the rock, {self.nearest_m:.2g} m from it toward {quadrant_of(self.azimuth_deg)} "
             f"and up to {self.highest_m:.2g} m high where the "
@@ -96,7 +94,7 @@ def in_reach(surfels: Surfels, rock: Flags, pedestal: Flags, interface: Interfac
     first = np.floor(other[high].min(axis=0) / cell).astype(int) - 2
     shape = np.floor(other[high].max(axis=0) / cell).astype(int) - first + 3
     swept = np.zeros(shape, bool)
-    for angle in 2.0 * np.pi * np.arange(_WAYS) / _WAYS:
+    for angle in 2.0 * np.pi * np.arange(SECTORS) / SECTORS:
         outward = np.array([np.cos(angle), np.sin(angle), 0.0])
         pivot = bottom[np.argmax(bottom @ outward)] * [1.0, 1.0, 0.0]
         for tilt in np.deg2rad(TILTS_DEG):
@@ -114,7 +112,7 @@ def in_reach(surfels: Surfels, rock: Flags, pedestal: Flags, interface: Interfac
 
 def is_ground(flat: Array, normals: Array, interface: Interface, height_m: float) -> Flags:
     """Which patches (n,) of the pedestal, at u, v and a height over it, a map of heights shows."""
-    level = normals @ interface.normal > _STEEP
+    level = normals @ interface.normal > STEEP
     return level & (np.abs(flat[:, 2]) < _HIGHEST_GROUND_PER_HEIGHT * height_m)
 
 
@@ -188,7 +186,7 @@ def _toward(axis_m: Array, points_m: Array, normals: Array, up: Array) -> Array:
     direction = axis_m - points_m
     direction -= (direction @ up)[:, None] * up
     away = np.einsum("ij,ij->i", normals, direction) < -_FACES * np.linalg.norm(direction, axis=1)
-    turned = away & (np.abs(normals @ up) < _STEEP)
+    turned = away & (np.abs(normals @ up) < STEEP)
     return np.where(turned[:, None], -normals, normals)
 
 

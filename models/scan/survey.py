@@ -17,7 +17,7 @@ from toppling.models.arrays import Array, Flags, at_most, bounds_of, inside_box
 from toppling.models.errors import InputError, refusals
 from toppling.models.files import digest
 from toppling.models.files.folder import new_folder, replaced_folder
-from toppling.models.files.schemas import GEOMETRY, LABELS, WORKED_OUT, read_own
+from toppling.models.files.schemas import GEOMETRY, LABELS, SCAN_DATA, read_own
 from toppling.models.hidden_base.draw_bases import ContradictionError
 from toppling.models.hidden_base.gap import hidden_base
 from toppling.models.hidden_base.inspection import Inspection
@@ -60,7 +60,7 @@ _MOST_BYTES = 2 << 30
 """Unpacked; a scan of 20 million points keeps less than a tenth of this."""
 
 _unusable = refusals(
-    expected=f"a scene of 'toppling scan' with its {WORKED_OUT}, as written",
+    expected=f"a scene of 'toppling scan' with its {SCAN_DATA}, as written",
     remedy="scan the clouds again with the hint",
 )
 
@@ -180,12 +180,12 @@ class CachedScan:
         InputError
             If the folder keeps nothing of a scan, or a file there is damaged, of another scene or another version.
         """
-        path = scene / WORKED_OUT
+        path = scene / SCAN_DATA
         if not path.is_file():
-            raise _unusable("scan.not_kept", f"keeps no {WORKED_OUT}", scene)
+            raise _unusable("scan.not_kept", f"keeps no {SCAN_DATA}", scene)
         if not (scene / "scene.json").is_file():
             raise _unusable("scan.not_kept", "keeps no scene.json", scene)
-        read_own(scene, (*GEOMETRY, LABELS, WORKED_OUT), stated=True)
+        read_own(scene, (*GEOMETRY, LABELS, SCAN_DATA), stated=True)
         try:
             with zipfile.ZipFile(path) as archive:
                 if sum(member.file_size for member in archive.infolist()) > _MOST_BYTES:
@@ -222,7 +222,7 @@ class CachedScan:
         observed = ObservedRock(
             rock_m, pedestal_m, rock_m[low], pedestal_m[lit], patches, arrays["patches"], height, hint
         )
-        rock = Rock.from_triangles(arrays["rock_vertices"], arrays["rock_faces"], where=WORKED_OUT)
+        rock = Rock.from_triangles(arrays["rock_vertices"], arrays["rock_faces"], where=SCAN_DATA)
         surface = (arrays["pedestal_vertices"], arrays["pedestal_faces"]) if meta["surface"] else (None, None)
         inspection = Inspection(
             arrays["touching"],
@@ -528,7 +528,7 @@ def save_survey(
         np.savez_compressed(staging / LABELS, label=result.label)
         digest.seal_archive(staging / LABELS)
         if result.cached is not None:
-            result.cached.write(staging / WORKED_OUT)
+            result.cached.write(staging / SCAN_DATA)
         if result.scene.unseen is not None:
             outlines = json.dumps(_contact_outlines(result.scene), indent=1)
             (staging / OUTLINES).write_text(outlines, encoding="utf-8")

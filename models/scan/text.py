@@ -77,7 +77,7 @@ def named_columns(lines: Sequence[str], columns: int, where: str, unit_given: bo
 
 @dataclass(frozen=True)
 class _Coordinate:
-    """What a name says of a column of coordinates."""
+    """Meaning of a column of coordinates by its name."""
 
     word: str
     kind: frozenset[str]
@@ -464,8 +464,8 @@ def in_survey(scans: Iterable[tuple[Array, Pose]]) -> tuple[Array, NDArray[np.in
 
 _LEAST_BYTES = 7
 """Line of a beam without a return."""
-_UNIT_ROTATION = 1e-3
-"""How far from a rotation the part of a pose may be that turns: writers round."""
+UNIT_ROTATION = 1e-3
+"""Deviation of a pose's quaternion or matrix from that of a rotation: writers round to four digits."""
 
 _damaged = refusals(
     expected="of each scan ten lines of header, columns, rows, position, axes and pose, and a line for each point",
@@ -512,8 +512,8 @@ def _header(first: str, file: TextIO, path: Path) -> tuple[int, Pose]:
             "file.truncated", f"{columns} columns of {rows} points, more than the file can hold", path
         )
     turn = pose[:3, :3]
-    rigid = np.abs(turn @ turn.T - np.eye(3)).max() < _UNIT_ROTATION and np.linalg.det(turn) > 0.0
-    if not (rigid and np.allclose(pose[:, 3], (0.0, 0.0, 0.0, 1.0), atol=_UNIT_ROTATION)):
+    rigid = np.abs(turn @ turn.T - np.eye(3)).max() < UNIT_ROTATION and np.linalg.det(turn) > 0.0
+    if not (rigid and np.allclose(pose[:, 3], (0.0, 0.0, 0.0, 1.0), atol=UNIT_ROTATION)):
         raise _damaged(
             "cloud.pose_unusable",
             "a scan's pose does not turn and shift alone, the shift in its fourth row",

@@ -1,4 +1,4 @@
-"""What was seen of a rock, how slender it is, and how far a scan's numbers may be off."""
+"""Observed part of a rock, how slender it is, and how far a scan's numbers may be off."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -64,7 +64,7 @@ _BELOW_PER_HEIGHT, _BELOW_SHARE = 0.03, 0.002
 
 @dataclass(frozen=True, eq=False)
 class ObservedRock:
-    """What was seen of rock and pedestal."""
+    """Observed points and patches of rock and pedestal."""
 
     # (n, 3): points about the interface, scene frame.
     rock_m: Array
@@ -78,7 +78,7 @@ class ObservedRock:
     hint: InterfaceHint | None  # the interface as the user knows it
 
     def near(self, interface: Interface) -> NearInterface:
-        """What shapes the base over an interface, with the rim below sides that were seen higher up only."""
+        """Points that shape the base over an interface, with the rim below sides that were seen higher up only."""
         low, lit = interface.over(self.low_m), interface.over(self.lit_m)
         if not len(low):
             return NearInterface(low, lit, self.height_m)

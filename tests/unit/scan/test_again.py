@@ -10,7 +10,7 @@ from refusals import refused, states
 
 from toppling.models.errors import InputError
 from toppling.models.files.digest import seal_archive
-from toppling.models.files.schemas import GEOMETRY, LABELS, WORKED_OUT
+from toppling.models.files.schemas import GEOMETRY, LABELS, SCAN_DATA
 from toppling.models.frames import quadrant_of
 from toppling.models.hidden_base.inspection import Inspection, inspection_of
 from toppling.models.scan.hints_file import HINTS, KEYS, hints_text, read_hints, write_hints
@@ -80,17 +80,17 @@ def test_what_needs_the_clouds_is_refused(rock, option):
 
 def test_what_was_kept_is_read_only_whole(rock, tmp_path):
     shutil.copytree(rock, tmp_path, dirs_exist_ok=True)
-    whole = (tmp_path / WORKED_OUT).read_bytes()
+    whole = (tmp_path / SCAN_DATA).read_bytes()
     rng = np.random.default_rng(1)
     for place in rng.integers(0, len(whole), 12):
         damaged = bytearray(whole)
         damaged[place] ^= 0xFF
-        (tmp_path / WORKED_OUT).write_bytes(bytes(damaged))
+        (tmp_path / SCAN_DATA).write_bytes(bytes(damaged))
         with pytest.raises(InputError) as error:
             CachedScan.read(tmp_path)
-        assert WORKED_OUT in str(error.value)
-    (tmp_path / WORKED_OUT).unlink()
-    with refused("scan.not_kept", WORKED_OUT):
+        assert SCAN_DATA in str(error.value)
+    (tmp_path / SCAN_DATA).unlink()
+    with refused("scan.not_kept", SCAN_DATA):
         CachedScan.read(tmp_path)
 
 
@@ -106,13 +106,13 @@ def other(rock, later):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("name", [WORKED_OUT, LABELS, *GEOMETRY, "scene.json"])
+@pytest.mark.parametrize("name", [SCAN_DATA, LABELS, *GEOMETRY, "scene.json"])
 def test_a_file_of_another_scene_is_refused_by_name(rock, other, tmp_path, name):
     mixed = shutil.copytree(rock, tmp_path / "mixed")
     shutil.copyfile(other / name, mixed / name)
     before = {path.name: path.read_bytes() for path in mixed.iterdir()}
     verbs = [["scan", "--again", str(mixed), "--pull", "N50E", "0.01"]]
-    if name not in (WORKED_OUT, LABELS):
+    if name not in (SCAN_DATA, LABELS):
         verbs.append(["scene", "show", str(mixed), "--out", str(tmp_path / "shown")])
     for verb in verbs:
         done = CliRunner().invoke(main, verb)

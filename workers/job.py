@@ -80,7 +80,7 @@ AXES = ("pga_m_s2", "azimuth_deg", "friction_static", "friction_kinetic", "resti
 
 @dataclass(frozen=True, eq=False)
 class Assets:
-    """What a worker keeps between jobs."""
+    """Scene and motions that a worker caches between jobs."""
 
     scene: Scene
     ensemble: Ensemble
@@ -114,7 +114,7 @@ def run_job(spec: JobSpec, assets: Assets) -> dict[str, Any]:
 
 
 def prepared(spec: JobSpec, assets: Assets) -> tuple[Scene, Imposed]:
-    """What a job shakes, and with what.
+    """Scene and motion of a job.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What happened in a shake, told from its trajectory."""
+"""Outcome of a shake, from its trajectory."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _NEGLIGIBLE_WAY_SHARE = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class ShakeResult:
-    """What happened, and what it cost.
+    """Outcome of a shake, and its cost.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def result_of(
     lodged: bool = False,
     **cost: Any,
 ) -> ShakeResult:
-    """What happened, told from the whole trajectory (n,) and (n, 7), support frame, and from what was seen last."""
+    """Outcome by the whole trajectory (n,) and (n, 7), support frame, and by the last observation."""
     contact, status = problem.contact, _STATUS.get(ended_by, "ok")
     tilt = contact.tilts_deg(pose[:, 3:])
     fell = ended_by in dict(FALLS) or lodged or bool(tilt[-1] > TOPPLED_TILT_DEG)

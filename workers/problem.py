@@ -1,4 +1,4 @@
-"""What one shake is to solve: a rock, a motion, where it starts, and how finely it is resolved."""
+"""Problem of a shake: a rock, a motion, where it starts, and how finely it is resolved."""
 
 from __future__ import annotations
 

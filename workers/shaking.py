@@ -135,7 +135,7 @@ class Shaking:
             self._next_look_s = self.time_s + (0.0 if seen.now.over_plane else _LOOKS_AFTER * problem.unit_s)
 
     def seen(self, since: int = 0) -> Seen:
-        """What the rules are asked about, after the steps since a pose."""
+        """State for the termination rules, after the steps since a pose."""
         sim, last = self.sim, self.last
         now: Observation = observe(sim, self._body, since)
         return Seen(
@@ -150,7 +150,7 @@ class Shaking:
         )
 
     def _watch(self) -> Watch:
-        """What calls for the next look."""
+        """Conditions of the next check of the rules."""
         problem, contact = self.problem, self.problem.contact
         up, upright = contact.scene_from_support[2], contact.support_from_body[2]
         over_s = problem.motion.duration_s
@@ -228,7 +228,7 @@ class Shaking:
         )
 
     def result(self, ended_by: str, *, trajectory: bool) -> ShakeResult:
-        """What happened."""
+        """Outcome of the shake."""
         sim, problem = self.sim, self.problem
         time_s, pose = self.time_and_pose()
         rolls = problem.scene.rolls and len(sim.rock.faces) == 0 and self._rest_s[1] != self.time_s
@@ -258,7 +258,7 @@ class Shaking:
 
 @cached
 def _plane_points(scene: Scene) -> PlanePoints:
-    """What touches the interface plane, as long as the ground is that plane where the rock is."""
+    """Points that touch the interface plane, as long as the ground is that plane where the rock is."""
     if not scene.ground.is_plane:
         return NO_POINTS
     contact = contact_of(scene)

@@ -21,7 +21,7 @@ _LONG_STEPS = 4
 
 
 class Watch(NamedTuple):
-    """What calls for a look at a rock: until it does no rule ends the shake."""
+    """Conditions of the next check of a rock: until one is met no rule ends the shake."""
 
     up: Vector  # support frame
     upright: Vector  # the interface's normal in body axes in the pose of the scene

@@ -173,7 +173,7 @@ def _lying_com_m(body: Body, pose: Array) -> Vector:
 
 
 class Seen(NamedTuple):
-    """What a rule is asked about."""
+    """State of a shake that the rules decide on."""
 
     now: Observation
     pose: Array  # (7,)
@@ -228,7 +228,7 @@ def _tilted(seen: Seen) -> bool:
 
 
 def _never_moved(seen: Seen) -> bool:
-    """What it stands on holds it through the whole motion."""
+    """The support holds it in static equilibrium through the whole motion."""
     return not seen.moved and _is_held(seen)
 
 
@@ -325,7 +325,7 @@ RULES: Rules = (
 
 
 def first_met(seen: Seen) -> str | None:
-    """What the first of the rules that applies is called; None while the answer is open."""
+    """Name of the first rule that applies; None while the answer is open."""
     return next((name for name, applies in RULES if applies(seen)), None)
 
 

@@ -1,4 +1,4 @@
-"""What nobody measured of a shaking: friction, restitution, the turn, what the band left out. Realisations draw it."""
+"""Unmeasured quantities of a shaking: friction, restitution, the turn, what the band left out. Realisations draw it."""
 
 from __future__ import annotations
 

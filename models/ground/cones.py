@@ -66,7 +66,7 @@ def solve_cones(at: Touching) -> bool:
 
 @inner
 def _solve_with(at: Touching, friction: float) -> bool:
-    """The same from the present impulses and velocity, with one coefficient of friction."""
+    """Solve from the present impulses and velocity, with a single coefficient of friction."""
     fastest_m_s, stiffness, raised = _fastest_m_s(at), _STIFFNESS, _RAISED
     within = max(_PRECISION * fastest_m_s, _STIFFNESS * _rounding_m_s(at))
     enough = within

@@ -136,7 +136,7 @@ def _scaled(columns: Array, size_m: float) -> Array:
 
 
 def _missed(scaled: Array, load_m_s2: Array) -> Array | None:
-    """What the nearest mixture of wrenches leaves (6,) of a load, as a share of it; None if none is found.
+    """Residual (6,) of a load and the nearest mixture of wrenches, as a share of the load; None if none is found.
 
     By non-negative least squares, which end without error (Lawson and Hanson 1974), over the few wrenches that oppose
     most of what is left so far: a base on a curve has tens of thousands, of which at most six bear.
@@ -154,7 +154,7 @@ def shortest(columns: Array, least: Array) -> Array:
 
 
 def _least_missed(columns: Array, target: Array) -> Array | None:
-    """What the mixture of columns that is nearest to a target has beyond it; None if none is found."""
+    """Excess over a target of the nearest mixture of columns; None if none is found."""
     missed, bearing, before = -target, np.zeros(0, int), np.inf
     while (size := float(np.linalg.norm(missed))) < before:
         along = missed @ columns

@@ -11,7 +11,7 @@ from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock, check_triangles
 
 _NARROWEST_SHARE = 1e-3
-"""Of the rock's size: contacts that lie so near one line give no plane."""
+"""Width of contacts, over the rock's size, below which they lie on a line and give no plane."""
 
 _STEEPEST_DEG = 60.0
 """A plane through contacts that is steeper describes no ground."""

@@ -78,7 +78,7 @@ def plane_points(points: Array, base: Flags, part: FlatPart, *, as_drawn: bool) 
 
 
 def not_listed(on: PlanePoints) -> PlanePoints:
-    """The same with nothing looked up yet: answers depend on no other shake."""
+    """Copy without cached lookups, so that answers depend on no other shake."""
     return on._replace(
         listed=np.zeros(len(on.points), np.int64),
         seen=np.full(9, -np.inf),
@@ -119,7 +119,7 @@ def is_over_plane(on: PlanePoints, pose: Array, turn: Array, farthest_m: float, 
 
 @inner
 def _at(part: FlatPart, distance_m: Array, x: float, y: float) -> float:
-    """What one of the distances is at a place; 0 beyond the cells."""
+    """Distance at a place by the table of cells; 0 beyond the cells."""
     i, j = int(np.floor((x - part.low_m[0]) / part.cell_m)), int(np.floor((y - part.low_m[1]) / part.cell_m))
     if i < 0 or j < 0 or i >= distance_m.shape[0] or j >= distance_m.shape[1]:
         return 0.0
@@ -160,7 +160,7 @@ def plane_contacts(
 
 @dataclass(frozen=True)
 class GroundKind:
-    """What a rock stands on where it is.
+    """Kind of ground below a rock: the interface plane, or a surface.
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ class GroundKind:
 
     @property
     def sentence(self) -> str:
-        """The same as one sentence."""
+        """Kind of ground, as a sentence."""
         what = (
             "one plane" if self.is_plane else "the pedestal's own surface, each contact along its own normal"
         )

@@ -31,14 +31,14 @@ _AT_A_TIME = 1024
 """Directions that are looked at together, so that a fine mesh of many thousand points takes little memory."""
 
 _NEIGHBOURS, _NEIGHBOURS_LOOKED_AT = 12, 40
-"""Of a corner that is compared with the facets around it, and of those that may be none by then."""
+"""Numbers of neighbours with which a corner is compared, and that are looked at to find so many."""
 
 _CORE_SHARE = 5e-6
 """Contact points are left out while the hull of the others stays within this share of R of the whole. Ten times as much
 takes every second corner from an arc of 32, over which the rock then rolls with too great a loss of energy."""
 
 _FALLING_CORE_SHARE = 2e-3
-"""The same of points that touch only beyond the largest tilt of statics: a hundred of a scanned rock."""
+"""Largest distance, over R, of the hull from left-out points that touch only beyond the largest tilt of statics."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -137,7 +137,7 @@ def excitation(acceleration_m_s2: Array, sample_s: float) -> Array:
 def velocity_increment_m_s(
     ground: Array, sample_s: float, gravity_m_s2: Array, since_s: float, until_s: float
 ) -> Vector:
-    """What gravity less the ground's acceleration adds to a velocity between two times.
+    """Increment of a velocity between two times by gravity less the ground's acceleration.
 
     Parameters
     ----------

@@ -81,7 +81,7 @@ SECTORS = 16
 
 
 class Work(NamedTuple):
-    """What a step works on, so that it makes no arrays."""
+    """Work arrays of a step, which allocates none."""
 
     middle: Array  # (7,): pose in the middle of it
     free: Array  # (6,): velocity, at first without contacts
@@ -208,7 +208,7 @@ def _share_until_slip_turns(sim: Grounded, since_s: float, step_s: float, veloci
 
 @inner
 def _lacks(sim: Grounded, load: Vector, push: Vector) -> float:
-    """What static friction lacks to hold a load on contacts that push together in a direction."""
+    """Force that static friction lacks to hold a load on contacts that push together in a direction."""
     along = -dot(load, push) / math.sqrt(square(push))
     return math.sqrt(max(square(load) - along * along, 0.0)) - sim.friction[0] * along
 

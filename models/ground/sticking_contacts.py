@@ -74,7 +74,7 @@ def stick_at_once(at: Touching) -> bool:
 
 @inner
 def _clamp(at: Touching) -> _Clamped:
-    """What the contacts that are to stick do to the motion."""
+    """Change of the motion by the contacts that are to stick."""
     number, middle_m = _middle(at)
     if number == 0:
         return _Clamped(0, _ZERO, _ZERO, _ZERO, _ZERO, _NO_MOMENTS)
@@ -99,7 +99,7 @@ def _clamp(at: Touching) -> _Clamped:
 
 @inner
 def _sticking_parts(at: Touching, clamped: _Clamped, retained: float) -> tuple[float, Vector, Vector]:
-    """What a contact keeps of its impulse, what it takes of the force, and of the moment over its way from the middle.
+    """Parts of a contact: of its former impulse, of the force, and of the moment over its arm from the middle.
 
     Where none is kept, they share all that they carry together.
     """
@@ -110,7 +110,7 @@ def _sticking_parts(at: Touching, clamped: _Clamped, retained: float) -> tuple[f
 
 @inner
 def _loads_carried(at: Touching, clamped: _Clamped) -> tuple[Vector, Vector]:
-    """What contacts carry together once the motion has changed: the force, and the moment about their middle."""
+    """Force, and moment about their middle, of all contacts after a change of the motion."""
     force, moment = clamped.force, clamped.moment
     for i in range(at.number):
         if at.room.sticks[i] == 1:

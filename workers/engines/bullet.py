@@ -253,5 +253,5 @@ def _built(client: int, model: ContactModel | GroundedBody) -> _World:
 
 
 def steps(problem: Problem) -> Steps:
-    """What takes the steps of one shake."""
+    """Stepper of a single shake."""
     return CheckedSteps(problem)

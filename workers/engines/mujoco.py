@@ -167,7 +167,7 @@ _STIFFNESS_STEPS, _DAMPING_RATIO, _IMPEDANCE = 2.0, 1.5, 0.9999
 
 
 class Stepper:
-    """What steps one body of a model."""
+    """Stepper of a single body of a model."""
 
     def __init__(self, model: Any, data: Any) -> None:
         self._model, self._data = model, data
@@ -257,7 +257,7 @@ def _turned(quaternion_xyzw: Array, vectors: Array) -> Array:
 
 @lru_cache(maxsize=1)
 def _rollout() -> tuple[Any, int]:
-    """What steps in C, and the bit that says it is given forces. MuJoCo has no types."""
+    """MuJoCo's rollout in C, and the bit that states that it is given forces. MuJoCo has no types."""
     from mujoco import mjtState, rollout
 
     return rollout.Rollout(nthread=0), int(mjtState.mjSTATE_XFRC_APPLIED.value)
@@ -433,5 +433,5 @@ def _box_axes(points_m: Array) -> Array | None:
 
 
 def steps(problem: Problem) -> Steps:
-    """What takes the steps of one shake; MuJoCo keeps nothing between shakes but models of scenes."""
+    """Stepper of a single shake; MuJoCo keeps nothing between shakes but models of scenes."""
     return MujocoSteps(problem)

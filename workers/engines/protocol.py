@@ -1,4 +1,4 @@
-"""What the program knows of a physics engine, whichever it is."""
+"""Interface of a physics engine to the program."""
 
 from __future__ import annotations
 
@@ -152,7 +152,7 @@ class Engine:
             )
 
     def steps(self, problem: Problem) -> Steps:
-        """What takes the steps of one shake.
+        """Stepper of a single shake.
 
         Raises
         ------

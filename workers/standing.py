@@ -59,8 +59,8 @@ def _outermost_contacts(near: np.ndarray) -> np.ndarray:
     if len(near) <= _MANY_CONTACTS:
         return near
     angle = 2.0 * np.pi * np.arange(_MANY_CONTACTS) / _MANY_CONTACTS
-    ways = np.column_stack([np.cos(angle), np.sin(angle)])
-    return near[np.unique((ways @ near["place_m"][:, :2].T).argmax(axis=1))]
+    directions = np.column_stack([np.cos(angle), np.sin(angle)])
+    return near[np.unique((directions @ near["place_m"][:, :2].T).argmax(axis=1))]
 
 
 def _outermost(loads_m_s2: Array) -> Array:
@@ -122,12 +122,12 @@ def _least_j_kg(body: GroundedBody, rest: Array, enough_j_kg: float) -> float:
     east, north, up = body.scene_from_support
     start_m = float(rest[:3] @ up)
     outward = [math.cos(rad) * east + math.sin(rad) * north for rad in 2.0 * np.pi * np.arange(_WAYS) / _WAYS]
-    ways = [_heights_m(body, rest, direction) for direction in outward]
+    heights_m = [_heights_m(body, rest, direction) for direction in outward]
     waiting = [(start_m, sector) for sector in range(_WAYS)]
     while True:
         highest_m, sector = waiting[0]
         so_far_j_kg = body.gravity_m_s2 * max(highest_m - start_m, 0.0)
-        height_m = next(ways[sector], -math.inf) if so_far_j_kg <= enough_j_kg else -math.inf
+        height_m = next(heights_m[sector], -math.inf) if so_far_j_kg <= enough_j_kg else -math.inf
         if height_m < highest_m:
             return so_far_j_kg
         heapreplace(waiting, (height_m, sector))

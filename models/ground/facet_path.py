@@ -82,8 +82,8 @@ class Seat:
         lowest = np.array([0.0, 0.0, points[:, 2].min()])
         com = (rock.com_m - pedestal.point_m) @ frame.T - lowest
         inertia_m2 = frame @ rock.inertia_per_mass_m2 @ frame.T
-        shares = np.array([CONTACT_SHARE_OF_HEIGHT, FARTHEST_SETTLING])
-        return cls(points - lowest, com, frame, inertia_m2, *(shares * rock.height_m))
+        tolerances = np.array([CONTACT_SHARE_OF_HEIGHT, FARTHEST_SETTLING])
+        return cls(points - lowest, com, frame, inertia_m2, *(tolerances * rock.height_m))
 
     def path(self, gravity_m_s2: float, azimuth_deg: float) -> tuple[float, float]:
         """Accelerations at lift-off and at toppling; both 0 for a rock that does not stand where it is."""
@@ -136,19 +136,19 @@ def _next_rest(rock: _Rolling, gravity: Array, push: Array, left_m_s2: float) ->
         return -1.0
     motion, energy = _Turn((0.0, 0.0), (0.0, 0.0)), 0.0  # per mass
     while rock.turn[2, 2] >= _LEAST_UPWARD and _com(rock)[2] >= (1.0 - TOPPLED_FALL) * rock.com[2]:
-        about, kept = _onward(rock, motion)
+        about, retained = _onward(rock, motion)
         angle = _landing(rock, about)
-        if energy * kept <= _climb(rock, about, angle, weight):
+        if energy * retained <= _climb(rock, about, angle, weight):
             if _holds(rock, weight):
                 return _leaves(rock, gravity, push, max(left_m_s2, 0.0))
             about, on_vertex = _falls_about(rock, weight)
-            kept, angle = _kept(rock, motion, about), _landing(rock, about)
+            retained, angle = _retained_share(rock, motion, about), _landing(rock, about)
             if on_vertex:
                 angle = min(angle, max(0.25 * angle, _VERTEX_STEP_RAD))
         before = _com(rock)
         _roll(rock, about, angle)
         if left_m_s2 >= 0.0:  # a rock as scanned settles without speed
-            motion, energy = about, max(energy * kept + dot(weight, minus(_com(rock), before)), 0.0)
+            motion, energy = about, max(energy * retained + dot(weight, minus(_com(rock), before)), 0.0)
         _touch(rock)
     return -1.0
 
@@ -161,7 +161,7 @@ def _reach(rock: _Rolling, turn: _Turn) -> float:
 
 
 @inner
-def _kept(rock: _Rolling, before: _Turn, after: _Turn) -> float:
+def _retained_share(rock: _Rolling, before: _Turn, after: _Turn) -> float:
     """Share of its energy that a rock keeps where one rotation becomes another; 0 against its motion.
 
     No contact that lands slips or rebounds, so their impulses do no work on the motion after.
@@ -197,13 +197,13 @@ def _onward(rock: _Rolling, motion: _Turn) -> tuple[_Turn, float]:
         reach = corner[0] * motion.out[0] + corner[1] * motion.out[1]
         if reach > far:
             far, best = reach, _Turn(corner, motion.out)
-    most = _kept(rock, motion, best)
+    most = _retained_share(rock, motion, best)
     for k in range(corners if corners > 1 else 0):
         right, up = _edge(rock, k)
         length = math.hypot(right, up)
         if length > 0.0:
             edge = _Turn((rock.ring[k, 0], rock.ring[k, 1]), (up / length, -right / length))
-            share = _kept(rock, motion, edge)
+            share = _retained_share(rock, motion, edge)
             if share > most:
                 best, most = edge, share
     return best, most

@@ -194,8 +194,8 @@ def _share_until_slip_turns(sim: Grounded, since_s: float, step_s: float, veloci
     first = velocity_increment_m_s(*ground, since_s, middle_s)
     second = velocity_increment_m_s(*ground, middle_s, since_s + step_s)
     if rests:
-        one, other = _lacks(sim, first, pressed), _lacks(sim, second, pressed)
-        before, after = 1.5 * one - 0.5 * other, 1.5 * other - 0.5 * one
+        early, late = _lacks(sim, first, pressed), _lacks(sim, second, pressed)
+        before, after = 1.5 * early - 0.5 * late, 1.5 * late - 0.5 * early
     else:
         times(sim.work.inverse, moment, turning)
         before = dot(rubs, velocity) + dot(twists, velocity[3:])

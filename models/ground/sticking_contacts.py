@@ -103,13 +103,13 @@ def _sticking_parts(at: Touching, clamped: _Clamped, retained: float) -> tuple[f
 
     Where none is kept, they share all that they carry together.
     """
-    force, moment = (clamped.force, clamped.moment) if retained > 0.0 else _loads_carried(at, clamped)
+    force, moment = (clamped.force, clamped.moment) if retained > 0.0 else _total_loads(at, clamped)
     n = clamped.number
     return retained, (force[0] / n, force[1] / n, force[2] / n), _times(clamped.bends, moment)
 
 
 @inner
-def _loads_carried(at: Touching, clamped: _Clamped) -> tuple[Vector, Vector]:
+def _total_loads(at: Touching, clamped: _Clamped) -> tuple[Vector, Vector]:
     """Force, and moment about their middle, of all contacts after a change of the motion."""
     force, moment = clamped.force, clamped.moment
     for i in range(at.number):
@@ -128,7 +128,7 @@ def _share_by_load(at: Touching, clamped: _Clamped) -> bool:
     there, none where it would pull, so that the load's centre becomes that of the weights and friction is shared as
     pressure is. Changes nothing where they do not stick.
     """
-    weights, (force, moment) = at.room.weights, _loads_carried(at, clamped)
+    weights, (force, moment) = at.room.weights, _total_loads(at, clamped)
     for i in range(at.number):
         weights[i] = 1.0 if _rests(at, _lacks_then(at, at.contacts[i], clamped)) else 0.0
     for _ in range(_SHARED_ANEW):

@@ -106,14 +106,14 @@ def test_looks_that_no_rule_calls_for_are_left_out_without_a_trace(monkeypatch):
 def checked_shake(monkeypatch, rock_shift_m=0.0, end_shift_m=0.0):
     """A shake whose engine has a rock that is shifted against ours, or takes it to other poses."""
     scene, motion = Scene.block(0.2, 0.25, 0.6), noise(np.random.default_rng(3), G)
-    carried_out = bullet.carried_out
+    after_steps = bullet.after_steps
 
     def otherwise(model, start, end, step_s):
         if rock_shift_m:
             model = dataclasses.replace(model, points_body_m=model.points_body_m + rock_shift_m)
-        return carried_out(model, start, end + end_shift_m * np.eye(7)[0], step_s)
+        return after_steps(model, start, end + end_shift_m * np.eye(7)[0], step_s)
 
-    monkeypatch.setattr(bullet, "carried_out", otherwise)
+    monkeypatch.setattr(bullet, "after_steps", otherwise)
     return shake(scene, motion, dataclasses.replace(PRESETS["fast"], checked_steps=1.0))
 
 
@@ -146,10 +146,10 @@ def over_ridges():
 def test_the_engine_repeats_the_steps_on_a_coarse_mesh_and_finds_their_gaps(monkeypatch):
     result = shake(over_ridges(), noise(np.random.default_rng(3), 0.8 * G), "standard")
     assert result.engine_steps > 0.9 * result.steps > 500
-    carried_out, body = bullet.carried_out, over_ridges().grounded
+    after_steps, body = bullet.after_steps, over_ridges().grounded
     lower = body.ground._replace(vertices_m=body.ground.vertices_m - np.array([0.0, 0.0, 1e-3]))
     moved = dataclasses.replace(body, ground=lower)
-    monkeypatch.setattr(bullet, "carried_out", lambda _, *steps: carried_out(moved, *steps))
+    monkeypatch.setattr(bullet, "after_steps", lambda _, *steps: after_steps(moved, *steps))
     with pytest.raises(StepCheckError) as error:
         shake(over_ridges(), noise(np.random.default_rng(3), 0.8 * G), "standard")
     assert error.value.allowed == bullet.GAP_ALLOWED

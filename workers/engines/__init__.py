@@ -22,7 +22,7 @@ _BULLET = Engine(
     ),
     module="toppling.workers.engines.bullet",
     imports="pybullet",
-    step_shares={},
+    relative_steps={},
 )
 _MUJOCO = Engine(
     name="mujoco",
@@ -35,7 +35,7 @@ _MUJOCO = Engine(
     module="toppling.workers.engines.mujoco",
     imports="mujoco",
     # Its contacts converge with the first order, so the same names are finer steps.
-    step_shares={"draft": 1 / 64, "fast": 1 / 128, "standard": 1 / 256, "reference": 1 / 512},
+    relative_steps={"draft": 1 / 64, "fast": 1 / 128, "standard": 1 / 256, "reference": 1 / 512},
     restitution=False,
     kinetic_friction=False,
     extra="mujoco",

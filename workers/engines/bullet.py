@@ -119,7 +119,7 @@ class CheckedSteps:
             return
         sim.counts[5] += len(which)
         start, reached = pose[which], pose[which + 1]
-        there, gap_m = carried_out(model, start, reached, sim.step_s)
+        there, gap_m = after_steps(model, start, reached, sim.step_s)
         unlike = _difference(there, reached, sim.size_m).max(axis=1)
         least_m = _least_gaps_m(model, start, _NEAR * sim.size_m)
         gap_off = np.abs(gap_m - least_m) / sim.size_m
@@ -162,7 +162,7 @@ def _difference(pose: Array, other: Array, size_m: float) -> Array:
     return np.abs(np.hstack([(pose[:, :3] - other[:, :3]) / size_m, turn.as_rotvec()]))
 
 
-def carried_out(
+def after_steps(
     model: ContactModel | GroundedBody, start: Array, end: Array, step_s: float
 ) -> tuple[Array, Array]:
     """Let PyBullet take a rock from some poses (n, 7) to others in one step each.

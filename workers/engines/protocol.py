@@ -72,7 +72,7 @@ class Engine:
         How it is called and cited.
     module : str
         Which module has its `steps(problem)`.
-    step_shares : mapping
+    relative_steps : mapping
         Time step over sqrt(R / g) of each preset, where it is not that of :data:`PRESETS`.
     restitution, kinetic_friction : bool
         Whether it knows a coefficient of restitution, and a kinetic friction apart from the static one.
@@ -88,7 +88,7 @@ class Engine:
     reference: str
     module: str
     imports: str
-    step_shares: Mapping[str, float]
+    relative_steps: Mapping[str, float]
     restitution: bool = True
     kinetic_friction: bool = True
     extra: str | None = None
@@ -97,7 +97,7 @@ class Engine:
     def presets(self) -> dict[str, NumericalOptions]:
         """Options by the names of the presets."""
         return {
-            name: options.with_step(self.step_shares[name]) if name in self.step_shares else options
+            name: options.with_step(self.relative_steps[name]) if name in self.relative_steps else options
             for name, options in PRESETS.items()
         }
 

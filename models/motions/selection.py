@@ -4,6 +4,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -30,7 +31,7 @@ _Record = tuple[str, dict[str, str]]
 """File and line of a row, and its cells by the names of their columns."""
 
 _DEPTH = 6
-"""Folders between a deaggregation of nshmp-haz and its config.json, at most."""
+"""Maximum number of folders between a file of nshmp-haz and its config.json."""
 
 
 @dataclass(frozen=True)
@@ -130,6 +131,12 @@ def _probability(where: str, text: str) -> float:
     return _number(where, text, 1.0, "the probability")
 
 
+def nshmp_root(file: Path) -> Path | None:
+    """Output folder of nshmp-haz that a file is in, by its configuration; None if there is none."""
+    folders = file.absolute().parents[:_DEPTH]
+    return next((folder for folder in folders if (folder / "config.json").is_file()), None)
+
+
 def _widths(table: Path, distances_km: Sequence[float], magnitudes: Sequence[float]) -> tuple[float, float]:
     """Widths of bins in km and in magnitude: as the summary beside the table says, or the configuration, or centres."""
     summary = table.with_name("summary.txt")
@@ -138,13 +145,10 @@ def _widths(table: Path, distances_km: Sequence[float], magnitudes: Sequence[flo
         found = [re.search(rf"\b{name}:\s+min = .*Δ = ([\d.]+)", stated) for name in ("r", "m")]
         if all(found):
             return tuple(float(match[1]) for match in found if match)  # type: ignore[return-value]
-    for folder in table.absolute().parents[:_DEPTH]:
-        if (folder / "config.json").is_file():
-            try:
-                bins = read_json(folder / "config.json")["deagg"]["bins"]
-                return float(bins["Δr"]), float(bins["Δm"])
-            except (ValueError, KeyError, TypeError):
-                break
+    if folder := nshmp_root(table):
+        with suppress(ValueError, KeyError, TypeError):
+            bins = read_json(folder / "config.json")["deagg"]["bins"]
+            return float(bins["Δr"]), float(bins["Δm"])
     edges = [sorted(set(values)) for values in (distances_km, magnitudes)]
     widths = [min((b - a for a, b in pairwise(known)), default=None) for known in edges]
     if None in widths:

@@ -17,12 +17,10 @@ from toppling.models.files.documents import json_of, read_json
 from toppling.models.files.given import LONGEST_NAME
 from toppling.models.files.table import is_numeral
 from toppling.models.motions.formats.units import unit_of
+from toppling.models.motions.selection import nshmp_root
 from toppling.results.hazard.curves import HazardCurve
 from toppling.results.hazard.measure_names import imt_of, measure_of, quantity_of
 from toppling.results.hazard.readers.assembly import HazardFile, Statement, refuse, refused
-
-_DEPTH = 5
-"""Folders between a file of curves and the root of its output, at most: IMT/source/TYPE/curves.csv."""
 
 _NAMES = {"Longitude": "lon", "Latitude": "lat", "Site Name": "name"}
 """OpenSHA's names of the columns, and nshmp-haz's."""
@@ -112,7 +110,9 @@ def read(file: HazardFile) -> list[Statement]:
         if _WEIGHT in about:
             found.append(_branch(file, line, curve, about))
         else:
-            found.append(Statement(curve, "part" if part else "curve", part or None, str(_root(where) or "")))
+            found.append(
+                Statement(curve, "part" if part else "curve", part or None, str(nshmp_root(where) or ""))
+            )
     return found
 
 
@@ -132,14 +132,9 @@ def _part(path: Path, level: int) -> str:
     return " ".join(inside[:-1] if inside[-1] == "curves" else inside)
 
 
-def _root(path: Path) -> Path | None:
-    """Folder with the configuration of the calculation that wrote a file."""
-    return next((folder for folder in path.parents[:_DEPTH] if (folder / "config.json").is_file()), None)
-
-
 def _years(file: HazardFile) -> float:
     """Time that the values are probabilities over; 0 for annual rates."""
-    root = _root(file.path.absolute())
+    root = nshmp_root(file.path)
     stated: Any = None
     if root is not None:
         try:

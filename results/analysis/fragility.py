@@ -94,21 +94,25 @@ def planes_of(frame: pd.DataFrame) -> dict[str, Plane]:
 
 
 def _coarse_enough(frame: pd.DataFrame, plane: Plane) -> Plane:
-    """A plane whose bins are doubled until half of the jobs lie in cells that are not thin, if they can be."""
+    """A plane with bins doubled, on the axis that helps more, until half of the jobs lie in cells that are not thin."""
     coarse = plane
-    while True:
-        table = cells(frame, coarse)
-        if 2 * table.loc[~table["thin"], "jobs"].sum() >= table["jobs"].sum():
-            return coarse
-        wider = replace(coarse, x=_doubled(coarse.x, table), y=_doubled(coarse.y, table))
-        if wider == coarse:
+    while _sure_share(frame, coarse) < 0.5:
+        x, y = _doubled(coarse.x, frame), _doubled(coarse.y, frame)
+        wider = [other for other in (replace(coarse, x=x), replace(coarse, y=y)) if other != coarse]
+        if not wider:
             return plane
-        coarse = wider
+        coarse = max(wider, key=lambda other: _sure_share(frame, other))
+    return coarse
 
 
-def _doubled(axis: Axis, table: pd.DataFrame) -> Axis:
+def _sure_share(frame: pd.DataFrame, plane: Plane) -> float:
+    table = cells(frame, plane)
+    return float(table.loc[~table["thin"], "jobs"].sum() / max(table["jobs"].sum(), 1))
+
+
+def _doubled(axis: Axis, frame: pd.DataFrame) -> Axis:
     """An axis with bins of twice the width, if it has more than one bin."""
-    if axis.width is None or table[f"{axis.column}_high"].max() <= axis.width:
+    if axis.width is None or not frame[axis.column].max() >= axis.width:
         return axis
     return replace(axis, width=2.0 * axis.width)
 

@@ -201,7 +201,7 @@ def _add_legend(figure: Figure, columns: int) -> None:
 
 
 def draw_view(axes: Axes, scene: Scene, elevation_deg: float, azimuth_deg: float) -> None:
-    """Draw an orthographic view of the scene with the interface's lines, dotted where hidden."""
+    """Draw an orthographic view of the scene with the interface's lines, thin where hidden."""
     frame = view_frame(elevation_deg, azimuth_deg)
     toward = frame[:, 2]
     rock, pedestal = surfaces_of(scene)
@@ -240,13 +240,13 @@ def _triangles(corners: Array, colours: Array | str) -> PolyCollection:
 
 
 def _draw_line(axes: Axes, line: Array, corners: Array, tolerance_m: float, dashes: str, colour: str) -> None:
-    """Draw a line of the interface: thick where visible, thin and dotted where hidden by a surface."""
+    """Draw a line of the interface: thick where visible, thin where hidden by a surface."""
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
     at = np.linspace(0.0, along[-1], _POINTS_ON_LINE)
     points = np.column_stack([np.interp(at, along, axis) for axis in line.T])
     behind = hidden(points, corners, tolerance_m)
     seen, covered = (np.where((behind == there)[:, None], points[:, :2], np.nan).T for there in (False, True))
-    axes.plot(*covered, ":", lw=0.8, alpha=0.9, color=colour)
+    axes.plot(*covered, dashes, lw=0.5, alpha=0.9, color=colour)
     halo = [
         Stroke(linewidth=2.8, foreground="white", alpha=0.8),
         withStroke(linewidth=2.2, foreground="white"),

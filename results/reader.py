@@ -349,14 +349,18 @@ class Run(Described):
     def quasi_static(self) -> pd.DataFrame | None:
         """Least constant ground acceleration (`value`, m/s2) that topples, by `ground_accelerates_toward_deg`.
 
-        Without slip; beside it `slides_m_s2`, at which the rock slides before, missing where it does not.
+        Without slip. Of a scene with drawn bases it is their median, with the ends of the interval (`low_m_s2`,
+        `high_m_s2`) that holds the share `level` of them.
         """
-        table = None if self.rocks else self.scene()
-        return (
-            None
-            if table is None
-            else pa.Table.from_pylist(table["quasi_static_toppling"][0].as_py()).to_pandas()
-        )
+        document = {} if self.rocks else self._scene_document()
+        found = document.get("report", {}).get("unseen_base") or {}
+        drawn = [{**row, "level": found["level"]} for row in found.get("toppling") or []]
+        rows = drawn or document.get("quasi_static_toppling_m_s2")
+        names = {"azimuth_deg": "ground_accelerates_toward_deg", "median_m_s2": "value"}
+        if not rows:
+            return None
+        table = pa.Table.from_pylist(rows)
+        return table.rename_columns([names.get(name, name) for name in table.column_names]).to_pandas()
 
     def provenance(self) -> dict[str, Any]:
         """Content of `run.json`, the provenance of the run; empty without one."""
@@ -437,8 +441,8 @@ def _scene_table(document: dict[str, Any], site: dict[str, Any]) -> pa.Table:
         ("default_friction_static", static, "1", "static friction of the scene; a campaign states its own"),
         ("default_friction_kinetic", kinetic, "1", "kinetic friction of the scene; a campaign states its own"),
         ("default_restitution", bounce, "1", "restitution of the scene; a campaign takes what it states, or 0"),
-        ("least_quasi_static_m_s2", least, "m/s2", "least constant ground acceleration that tips it"),
-        ("quasi_static_toppling", statics, "deg, m/s2", "tipping and sliding acceleration by azimuth of the ground's"),
+        ("least_quasi_static_m_s2", least, "m/s2", "least constant ground acceleration that tips realisation 0"),
+        ("quasi_static_toppling", statics, "deg, m/s2", "accelerations that tip and slide realisation 0, by azimuth"),
     ]
     # fmt: on
     kinds = {"longitude": pa.float64(), "latitude": pa.float64(), "age": pa.string()}

@@ -440,20 +440,19 @@ def least_sector(quasi_static: pd.DataFrame | None) -> tuple[float, float] | Non
     None where no constant acceleration is known to topple the rock.
     """
     found = weakest(quasi_static)
-    return _sector_around(found[0] + 180.0) if found else None
+    return None if found is None else _sector_around(float(found["ground_accelerates_toward_deg"]) + 180.0)
 
 
 def _sector_around(azimuth_deg: float) -> tuple[float, float]:
     return (azimuth_deg - _HALF_SECTOR_DEG) % 360.0, (azimuth_deg + _HALF_SECTOR_DEG) % 360.0
 
 
-def weakest(quasi_static: pd.DataFrame | None) -> tuple[float, float] | None:
-    """Azimuth and size of the least constant ground acceleration that topples the rock; None if not known."""
+def weakest(quasi_static: pd.DataFrame | None) -> "pd.Series[float] | None":
+    """Row of the least constant ground acceleration that topples the rock; None if not known."""
     known = None if quasi_static is None else quasi_static.astype(float).dropna(subset=["value"])
     if known is None or not np.isfinite(known["value"]).any():
         return None
-    least = known.loc[known["value"].idxmin()]
-    return float(least["ground_accelerates_toward_deg"]), float(least["value"])
+    return known.loc[known["value"].idxmin()]
 
 
 def named(name: str, azimuth_deg: float | None) -> dict[str, float | None]:

@@ -35,9 +35,13 @@ class RockResults:
     why_not: str  # reason why there is no curve
     # Longitude and latitude (WGS 84), from the atlas's table or else the scan's coordinate system.
     place: tuple[float, float] | None
-    # Azimuth and size of the least constant ground acceleration that topples, counter-clockwise from east.
-    weakest_azimuth_deg: float | None
-    least_m_s2: float | None
+    # Least constant ground acceleration that topples, a row of `Run.quasi_static`; None where there is none.
+    least: "pd.Series[float] | None"
+
+    @property
+    def weakest_azimuth_deg(self) -> float | None:
+        """Azimuth toward which that acceleration points, counter-clockwise from east."""
+        return None if self.least is None else float(self.least["ground_accelerates_toward_deg"])
 
     @property
     def single_base(self) -> str:
@@ -69,7 +73,7 @@ class RockResults:
             "median_records": parts.get("records"),
             "median_base": parts.get("base"),
             "beta": curve.beta if curve else None,
-            "least_quasi_static_m_s2": self.least_m_s2,
+            "least_quasi_static_m_s2": None if self.least is None else float(self.least["value"]),
             **named("ground_accelerates_toward", weakest),
             **named("falls_toward", None if weakest is None else (weakest + 180.0) % 360.0),
             "contact": self.contact,
@@ -176,10 +180,9 @@ def _rock_results(run: Run, contact: str, jobs: pd.DataFrame, measure: str, samp
         why_not = f"{toppled} of {len(known)} jobs toppled it"
         curve = curve_over(jobs, measure, samples, run.completeness())
         why_not = "" if curve else why_not
-    azimuth_deg, least_m_s2 = weakest(run.quasi_static()) or (None, None)
     found = _on_earth(run)
     place = None if found is None else (float(found[0, 0]), float(found[0, 1]))
-    return RockResults(run, run.rock, contact, jobs, curve, why_not, place, azimuth_deg, least_m_s2)
+    return RockResults(run, run.rock, contact, jobs, curve, why_not, place, weakest(run.quasi_static()))
 
 
 def _on_earth(run: Run, offsets_m: ArrayLike = ((0.0, 0.0),)) -> Array | None:

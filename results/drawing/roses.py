@@ -50,13 +50,9 @@ def rose_figure(
         )  # fmt: skip
         left.set_title(f"falls toward, % of {int(rose['toppled'].sum()):,} toppled{within}")
         if quasi_static is not None and len(quasi_static):
-            _draw_round(
-                right,
-                quasi_static["ground_accelerates_toward_deg"].to_numpy(float),
-                quasi_static["value"].to_numpy(float),
-            )
+            of = _draw_round(right, quasi_static)
             right.set_title(
-                "quasi-static toppling acceleration (m/s²)\nby where the ground accelerates toward:\n"
+                f"least constant acceleration (m/s²){of}\nby where the ground accelerates toward:\n"
                 "the rock falls the opposite way"
             )
         else:
@@ -74,12 +70,20 @@ def _draw_petals(axes: PolarAxes, rose: pd.DataFrame, **look: Any) -> None:
     mark_winds(axes, float(rose["falls_toward_deg"].iloc[int(nearby.argmin())]))
 
 
-def _draw_round(axes: PolarAxes, azimuth_deg: np.ndarray, value_m_s2: np.ndarray) -> None:
-    """Draw the least constant toppling acceleration as a closed curve over the azimuths."""
-    around = np.append(np.deg2rad(azimuth_deg), np.deg2rad(azimuth_deg[0]))
-    axes.plot(around, np.append(value_m_s2, value_m_s2[0]), color=MAIN_COLOUR, lw=1.3)
+def _draw_round(axes: PolarAxes, quasi_static: pd.DataFrame) -> str:
+    """Draw the least constant toppling acceleration as a closed curve over the azimuths; what it is of."""
+    closed = pd.concat([quasi_static, quasi_static[:1]]).astype(float)
+    around = np.unwrap(np.deg2rad(closed["ground_accelerates_toward_deg"]))
+    axes.plot(around, closed["value"], color=MAIN_COLOUR, lw=1.3)
+    of = ""
+    if "level" in closed:
+        of = f",\nmedian and {100 * closed['level'].iloc[0]:.0f} % of its bases,"
+        axes.fill_between(around, closed["low_m_s2"], closed["high_m_s2"], color=MAIN_COLOUR, alpha=0.2, lw=0)
     axes.set_rlim(0.0)
-    mark_winds(axes, emptiest_deg(azimuth_deg, value_m_s2))
+    mark_winds(
+        axes, emptiest_deg(*quasi_static[["ground_accelerates_toward_deg", "value"]].to_numpy(float).T)
+    )
+    return of
 
 
 def emptiest_deg(azimuth_deg: np.ndarray, value: np.ndarray) -> float:
@@ -167,5 +171,5 @@ def _roses(axes: Axes, rose_scanned: _Rose, rose_stands: _Rose) -> None:
         scale_deg = emptiest_deg(azimuth, value)
         axes.plot(np.deg2rad(azimuth), value, dashes, color=colour, label=f"topples {name}")
     axes.set_ylim(0.0, 1.05 * reach)
-    axes.set_title("quasi-static toppling acceleration (m/s²)\nby where the ground accelerates toward")
+    axes.set_title("least constant acceleration (m/s²)\nby where the ground accelerates toward")
     mark_winds(axes, scale_deg)

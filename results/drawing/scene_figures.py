@@ -365,7 +365,8 @@ def numbers_of(scene: Scene, notes: Sequence[str] = ()) -> list[str]:
     lines = [
         f"volume {volume_text(report, rock.volume_m3)}, height {rock.height_m:.4g} m",
         "centre of mass {:.3f}, {:.3f}, {:.3f}".format(*rock.com_m)
-        + (" m" if com is None else " ± {:.2g}, {:.2g}, {:.2g} m (one standard deviation)".format(*com)),
+        + ("" if com is None else " ± {:.2g}, {:.2g}, {:.2g} (one standard deviation)".format(*com))
+        + " m (east, north, up of the origin)",
         f"interface dips {scene.pedestal.slope_deg:.2f}° toward {quadrant_of(scene.pedestal.downhill_azimuth_deg)}",
         *_surface_of(report),
         "origin {:.1f}, {:.1f}, {:.1f} m".format(*scene.origin_m),

@@ -169,6 +169,7 @@ def within(value: float, strongest: float | None, weakest: float | None = None) 
 def plain_log(axis: XAxis | YAxis) -> None:
     """Label a logarithmic axis at 1, 2 and 5 of each decade, or more often where it is short, without powers of ten."""
     low, high = axis.get_view_interval()
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)) if high > 5.0 * low else MaxNLocator(5, steps=(1, 2, 5, 10)))
+    short = MaxNLocator(5, steps=(1, 2, 5, 10))
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)) if high > 5.0 * low else short)
     axis.set_major_formatter(StrMethodFormatter("{x:g}"))
     axis.set_minor_formatter(NullFormatter())

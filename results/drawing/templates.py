@@ -4,6 +4,7 @@ import base64
 import re
 from collections.abc import Callable, Iterable, Sequence
 from functools import cache
+from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
 
@@ -115,6 +116,6 @@ def _cell(name: str, value: object) -> tuple[str, str, str]:
     """Name of the column, kind and text of a cell; empty where there is no value."""
     if value is None or value is pd.NA or value != value:
         return name, "empty", ""
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    text = f"{value:.4g}" if isinstance(value, float) else str(value)
+    is_number = isinstance(value, Real) and not isinstance(value, bool)
+    text = str(value) if not is_number else f"{value:,}" if isinstance(value, Integral) else f"{value:.4g}"
     return name, "number" if is_number else "" if text else "empty", text

@@ -28,7 +28,7 @@ _COLUMNS = {
     "median_low": "from",
     "median_high": "to",
     "beta": "beta",
-    "least_quasi_static_m_s2": "least static (m/s²)",
+    "least_quasi_static_m_s2": "least constant (m/s²)",
     "falls_toward_deg": "falls toward (azimuth, °)",
     "falls_toward_bearing_deg": "(bearing, °)",
     "records": "records",
@@ -66,11 +66,21 @@ def gallery_page(
         "Right: the intensity at which half of the shakings topple each, with its 95 % interval over records and bases."
     )
     first.append(document.figure(lambda width: fragilities_figure(rocks, measure, width), caption))
-    frame = pd.DataFrame([rock.row for rock in rocks])[list(_COLUMNS)].rename(columns=_COLUMNS)
-    numbers = f"Fragility over {short_name(measure)} ({printed_unit(measure)}) and statics of each rock."
+    frame = pd.DataFrame([_stated(rock) for rock in rocks])[list(_COLUMNS)].rename(columns=_COLUMNS)
+    numbers = (
+        f"Fragility of each rock over {short_name(measure)} (in {printed_unit(measure)}, with 95 % intervals), and the "
+        "least constant acceleration that topples it."
+    )
     table = document.table(frame.dropna(axis="columns", how="all"), numbers)
     return rendered("atlas.html", title=f"toppling: {title}", heading=title, unfinished=unfinished, first=first,
         sections=[("Table", [table])], cards=cards)  # fmt: skip
+
+
+def _stated(rock: RockResults) -> dict[str, Any]:
+    """Row of a rock, with intensities that no job had stated as such, as in sentences."""
+    row, curve = rock.row, rock.curve
+    ends = {name: row[name] for name in ("median", "median_low", "median_high") if row[name] is not None}
+    return row | ({name: within(value, *curve.shaken) for name, value in ends.items()} if curve else {})
 
 
 def summary(rocks: Sequence[RockResults], shared: Shared, measure: str) -> list[str]:
@@ -110,11 +120,14 @@ def _card(rock: RockResults, folder: Path) -> dict[str, Any]:
     row = rock.row
     median = rock.why_not if rock.curve is None else f"half topple {_at(rock, rock.curve)}"
     weakest = "topples statically toward no azimuth"
-    if rock.weakest_azimuth_deg is not None:
+    if rock.least is not None:
         weakest = (
-            f"falls most easily toward {wind_of(row['falls_toward_deg'])} (bearing "
-            f"{row['falls_toward_bearing_deg']:.0f}°), at {rock.least_m_s2:.2g} m/s² of constant acceleration"
+            f"falls most easily toward {wind_of(row['falls_toward_deg'])} (arrow; bearing "
+            f"{row['falls_toward_bearing_deg']:.0f}°), at {rock.least['value']:.3g} m/s² of constant acceleration"
         )
+        if "level" in rock.least:
+            low, high, level = rock.least[["low_m_s2", "high_m_s2", "level"]]
+            weakest += f" ({100 * level:.0f} % of its bases: {low:.3g} to {high:.3g})"
     place = row["site"] if row["site"] not in (None, rock.name) else ""
     report = rock.run.path / REPORT
     lines = [

@@ -175,7 +175,7 @@ def _scene_section(content: Content, document: Document) -> list[Block]:
     settling = (content.run.provenance().get("settling") or {}).get("sentence")
     if content.scene is not None:
         scene = content.scene
-        caption = f"The rock {content.run.rock} on its pedestal, from three sides and from above; lines are thin where hidden."
+        caption = f"The rock {content.run.rock} on its pedestal, from three sides and from above; thin where hidden."
         parts.append(document.figure(lambda width: scene_picture(scene, width), caption))
         parts += map(sentence, base_sentences(content.run.scene_report()))
     if weights := content.run.weights():

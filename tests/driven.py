@@ -1,5 +1,6 @@
 """A browser without a screen that is driven as by a person: real clicks and keys, through Chromium's own driver."""
 
+import base64
 import json
 import re
 import shutil
@@ -93,6 +94,10 @@ class Browser:
         """What the page's scripts complained of since the last call."""
         result = self._ask("POST", f"{self._session}/se/log", {"type": "browser"})
         return [entry["message"] for entry in result if entry["level"] in ("SEVERE", "WARNING")]
+
+    def picture(self, path):
+        """Write what the window shows as PNG."""
+        path.write_bytes(base64.b64decode(self._ask("GET", f"{self._session}/screenshot")))
 
     def close(self):
         self._ask("DELETE", self._session)

@@ -190,9 +190,10 @@ class Picking:
                 saving = self._saving and stale and error is None
                 self._set(_done=self._working, _stage="", _saving=saving, _error=error)
                 if self._candidates is None:  # rocks in the cloud, if the scan failed to find them
+                    self._set(_stage="looking for what stands there")
                     with contextlib.suppress(EndedError):
                         found = self._apart.do(lambda _: None, apart.look_around, self._cloud_apart())
-                        self._set(_candidates=found)
+                        self._set(_candidates=found, _stage="")
 
     def _follow(self, user_hints: UserHints) -> None:
         """Compute the results of hints, as far as they change."""

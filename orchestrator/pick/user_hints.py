@@ -223,6 +223,7 @@ def answer_shown(survey: Survey | None, result: CachedScan) -> dict[str, Any]:
         "plane": {"point_m": plane.point_m.tolist(), "normal": plane.normal.tolist(), **report["interface"]},
         "surface": report["surface"],
         "toppling": base.get("toppling"),
+        "level": base.get("level"),
         "contacts": base.get("contacts"),
         "next": base.get("next_observations", []),
         "sentences": base_sentences(report),

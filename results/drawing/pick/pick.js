@@ -225,7 +225,7 @@ function showAnswer(answer) {
   at("plot").replaceChildren(polar(answer.toppling, before));
   const least = answer.toppling.reduce((a, b) => a.median_m_s2 < b.median_m_s2 ? a : b);
   at("least").replaceChildren("Least acceleration that topples it: ", make("b", `${least.low_m_s2.toFixed(2)} to ${least.high_m_s2.toFixed(2)} m/s²`),
-    ` (median ${least.median_m_s2.toFixed(2)}), of ground that accelerates toward ${bearingOf(least.azimuth_deg)}. Over all azimuths the interval is ${(100 * width(answer.toppling)).toFixed(0)} % of its median wide` + (before ? `, ${(100 * width(before)).toFixed(0)} % before (dashed).` : "."));
+    ` (${Math.round(100 * answer.level)} % of the bases; median ${least.median_m_s2.toFixed(2)}), of ground that accelerates toward ${bearingOf(least.azimuth_deg)}. Over all azimuths the interval is ${(100 * width(answer.toppling)).toFixed(0)} % of its median wide` + (before ? `, ${(100 * width(before)).toFixed(0)} % before (dashed).` : "."));
   showNext(answer.next, width(answer.toppling));
 }
 
@@ -269,7 +269,7 @@ async function show(next) {
   showError(state.error);
   showAnswer(state.answer);
   showCandidates(state.candidates);
-  at("save").disabled = state.saving || !(state.current || busy);
+  at("save").disabled = state.saving || !(state.current || (busy && !state.error));
   at("why").textContent = !at("save").disabled || state.saving ? "" : state.error ? "Nothing to save: see the error above." : "Nothing to save yet: no scene came of these hints.";
   at("saved").textContent = state.saving ? "saving ..." : state.saved ? `Saved to ${state.target}, with hints.toml, by which the scan repeats.` : "";
   fillPlane();

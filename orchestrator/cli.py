@@ -174,8 +174,8 @@ def _os_error_message(error: OSError) -> str:
     written = error.filename2 or error.filename  # a copy names its source first
     if error.errno in FULL:
         of = f" of {_asked_for(written)}" if written else ""
-        left = error.left if isinstance(error, FullDiskError) else room_left(written or ".")
-        full = f"the disk{of} is full, with {left}"
+        left = error.left if isinstance(error, FullDiskError) else room_left(written) if written else ""
+        full = f"the disk{of} is full" + (f", with {left}" if left else "")
         return f"{full}: make room{note or ', then give the same command again; what is stored stays'}"
     where = f"{_asked_for(written)}: " if written else ""
     elsewhere = ": write to another place with --out" if error.errno == errno.EROFS else ""

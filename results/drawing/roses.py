@@ -13,6 +13,7 @@ from matplotlib.projections.polar import PolarAxes
 from matplotlib.ticker import MaxNLocator
 
 from toppling.models.arrays import Array
+from toppling.models.files.folder import new_file
 from toppling.models.frames import WINDS, compass_deg, quadrant_of
 from toppling.models.scene import Scene
 from toppling.models.statics import support_polygon_m
@@ -142,7 +143,8 @@ def draw_settled(
         legends = [axes.get_legend_handles_labels() for axes in figure.axes]
         lines, names = ([entry for part in parts for entry in part] for parts in zip(*legends, strict=True))
         figure.legend(lines, names, loc="outside lower center", ncols=2, frameon=False)
-        figure.savefig(path, format="png")
+        with new_file(path) as hidden:
+            figure.savefig(hidden, format="png")
 
 
 def _plan(axes: Axes, scanned: Scene, stands: Scene, outline_m: Array) -> None:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from toppling.models.arrays import Array
 from toppling.models.caching import cached
 from toppling.models.errors import InputError
+from toppling.models.files.folder import new_file
 from toppling.models.frames import quadrant_of
 from toppling.models.hidden_base.intervals import volume_text
 from toppling.models.pedestal import Pedestal
@@ -159,8 +160,8 @@ _POINTS_ON_LINE = 160
 def draw_scene(scene: Scene, path: Path) -> None:
     """Write a PNG: three views, the plan of the interface, the statics by azimuth."""
     figure = scene_picture(scene)
-    with style():
-        figure.savefig(path, format="png")
+    with style(), new_file(path) as hidden:
+        figure.savefig(hidden, format="png")
 
 
 def scene_picture(scene: Scene, width_in: float = FULL_WIDTH_IN) -> Figure:
@@ -564,13 +565,15 @@ def export_scene(scene: Scene, path: Path) -> None:
             remedy="name the file by the format that you want",
         )
     meshes = _meshes(scene)
-    if path.suffix.lower() in (".glb", ".gltf"):
-        parts = trimesh.Scene()
-        for name, mesh in meshes:
-            parts.add_geometry(mesh, node_name=name, geom_name=name, transform=_Y_UP)
-        parts.export(path, **({"embed_buffers": True} if path.suffix.lower() == ".gltf" else {}))
-    else:
-        trimesh.util.concatenate([mesh for _, mesh in meshes]).export(path)
+    kind = path.suffix.lower()[1:]
+    with new_file(path) as hidden:
+        if kind in ("glb", "gltf"):
+            parts = trimesh.Scene()
+            for name, mesh in meshes:
+                parts.add_geometry(mesh, node_name=name, geom_name=name, transform=_Y_UP)
+            parts.export(hidden, kind, **({"embed_buffers": True} if kind == "gltf" else {}))
+        else:
+            trimesh.util.concatenate([mesh for _, mesh in meshes]).export(hidden, kind)
 
 
 def _meshes(scene: Scene) -> list[tuple[str, trimesh.Trimesh]]:

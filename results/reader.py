@@ -349,18 +349,17 @@ class Run(Described):
     def quasi_static(self) -> pd.DataFrame | None:
         """Least constant ground acceleration (`value`, m/s2) that topples, by `ground_accelerates_toward_deg`.
 
-        Without slip. Of a scene with drawn bases it is their median, with the ends of the interval (`low_m_s2`,
-        `high_m_s2`) that holds the share `level` of them.
+        Without slip; beside it `slides_m_s2`, at which the rock slides before, missing where it does not. Of drawn
+        bases it is the median, and `low_m_s2` to `high_m_s2` holds the share `level` of them.
         """
-        document = {} if self.rocks else self._scene_document()
-        found = document.get("report", {}).get("unseen_base") or {}
-        drawn = [{**row, "level": found["level"]} for row in found.get("toppling") or []]
-        rows = drawn or document.get("quasi_static_toppling_m_s2")
-        names = {"azimuth_deg": "ground_accelerates_toward_deg", "median_m_s2": "value"}
-        if not rows:
-            return None
-        table = pa.Table.from_pylist(rows)
-        return table.rename_columns([names.get(name, name) for name in table.column_names]).to_pandas()
+        table = None if self.rocks else self.scene()
+        return (
+            None
+            if table is None
+            else pa.Table.from_struct_array(
+                table["quasi_static_toppling"].combine_chunks().flatten()
+            ).to_pandas()
+        )
 
     def provenance(self) -> dict[str, Any]:
         """Content of `run.json`, the provenance of the run; empty without one."""
@@ -410,19 +409,24 @@ def _as_recorded(field: pa.Field) -> dict[str, str]:
     return describe(field) | {"group": "as recorded"} | meaning(field.name)
 
 
+_STATICS = (
+    "ground_accelerates_toward_deg", "falls_toward_deg", "value", "low_m_s2", "high_m_s2", "level", "slides_m_s2"
+)  # fmt: skip
+
+
 def _scene_table(document: dict[str, Any], site: dict[str, Any]) -> pa.Table:
     """Table of one row from a scene document and the rock's entry in a table of rocks."""
     rock, plane, contact = document["rock"], document["interface"], document["contact"]
+    nominal, found = document["quasi_static_toppling_m_s2"], document["report"].get("unseen_base") or {}
+    slides = {row["azimuth_deg"]: row.get("slides_m_s2") for row in nominal}
     statics = [
-        {
-            "ground_accelerates_toward_deg": row["azimuth_deg"],
-            "falls_toward_deg": (row["azimuth_deg"] + 180.0) % 360.0,
-            "value": row["value"],
-            "slides_m_s2": row.get("slides_m_s2"),
-        }
-        for row in document["quasi_static_toppling_m_s2"]
-    ]
-    least = min((row["value"] for row in statics if row["value"] is not None), default=None)
+        (
+            row["azimuth_deg"], (row["azimuth_deg"] + 180.0) % 360.0, row.get("median_m_s2", row.get("value")),
+            row.get("low_m_s2"), row.get("high_m_s2"), found.get("level"), slides.get(row["azimuth_deg"]),
+        )
+        for row in found.get("toppling") or nominal
+    ]  # fmt: skip
+    least = min((row[2] for row in statics if row[2] is not None), default=None)
     static, kinetic, bounce = (
         contact[name] for name in ("friction_static", "friction_kinetic", "restitution")
     )
@@ -441,11 +445,14 @@ def _scene_table(document: dict[str, Any], site: dict[str, Any]) -> pa.Table:
         ("default_friction_static", static, "1", "static friction of the scene; a campaign states its own"),
         ("default_friction_kinetic", kinetic, "1", "kinetic friction of the scene; a campaign states its own"),
         ("default_restitution", bounce, "1", "restitution of the scene; a campaign takes what it states, or 0"),
-        ("least_quasi_static_m_s2", least, "m/s2", "least constant ground acceleration that tips realisation 0"),
-        ("quasi_static_toppling", statics, "deg, m/s2", "accelerations that tip and slide realisation 0, by azimuth"),
+        ("least_quasi_static_m_s2", least, "m/s2", "least constant ground acceleration that tips it"),
+        ("quasi_static_toppling", statics, "deg, m/s2", "tipping and sliding acceleration by azimuth of the ground's"),
     ]
     # fmt: on
-    kinds = {"longitude": pa.float64(), "latitude": pa.float64(), "age": pa.string()}
+    by_azimuth = pa.list_(pa.struct([(name, pa.float64()) for name in _STATICS]))
+    kinds = {
+        "longitude": pa.float64(), "latitude": pa.float64(), "age": pa.string(), "quasi_static_toppling": by_azimuth
+    }  # fmt: skip
     return described_table(
         ((name, pa.array([value], kinds.get(name)), unit, text) for name, value, unit, text in columns),
         group="scene",

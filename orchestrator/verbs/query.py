@@ -28,11 +28,7 @@ if TYPE_CHECKING:
 @of("public.reporting.query", "--trusted")
 @option("--describe", is_flag=True, help="Print every column with its unit and meaning.")
 def query(
-    runs: tuple[str, ...],
-    form: str | None,
-    parquet: Path | None,
-    trusted: bool,
-    describe: bool,
+    runs: tuple[str, ...], form: str | None, parquet: Path | None, trusted: bool, describe: bool
 ) -> None:
     """Query one or several runs in SQL (DuckDB), also during the run.
 

@@ -104,10 +104,7 @@ def _legend_below(figure: Figure, axes: Axes, columns: int = 1) -> None:
 
 
 def _draw_named(
-    axes: Axes,
-    branches: Sequence[Branch],
-    verdicts: pd.DataFrame | None,
-    shown: Sequence[Array],
+    axes: Axes, branches: Sequence[Branch], verdicts: pd.DataFrame | None, shown: Sequence[Array]
 ) -> None:
     """Draw each branch as a separate line, with its verdict in the legend."""
     colours = COLOURS(np.linspace(0.15, 0.85, max(1, len(branches))))
@@ -293,10 +290,7 @@ _REACH_KM = 100.0
 
 
 def magnitudes_figure(
-    tables: dict[str, pd.DataFrame],
-    confidence: float,
-    grid: MotionGrid,
-    chances: tuple[str, Array],
+    tables: dict[str, pd.DataFrame], confidence: float, grid: MotionGrid, chances: tuple[str, Array]
 ) -> Figure:
     """Largest magnitude allowed at each distance, over the probability of toppling.
 
@@ -330,10 +324,7 @@ def magnitudes_figure(
 
 
 def faults_figure(
-    faults: Sequence[FaultTrace],
-    circles: dict[float, float],
-    title: str,
-    limits: tuple[float, float],
+    faults: Sequence[FaultTrace], circles: dict[float, float], title: str, limits: tuple[float, float]
 ) -> Figure:
     """Map around a rock: fault traces coloured by the largest allowed magnitude, and circles of smallest distance.
 

@@ -148,11 +148,7 @@ def _draw_cells(axes: Axes, table: pd.DataFrame, plane: Plane) -> None:
     bottom, top = (table[f"{plane.y.column}_{end}"].to_numpy() for end in ("low", "high"))
     corners = np.array([[low, bottom], [high, bottom], [high, top], [low, top]])
     bars = PolyCollection(
-        list(corners.transpose(2, 0, 1)),
-        cmap=COLOURS,
-        norm=_COLOUR_SCALE,
-        edgecolors="white",
-        linewidths=0.3,
+        list(corners.transpose(2, 0, 1)), cmap=COLOURS, norm=_COLOUR_SCALE, edgecolors="white", linewidths=0.3
     )
     bars.set_array(table["probability"].to_numpy(float))
     bars.set_alpha(np.where(table["thin"], THIN_ALPHA, 1.0).tolist())

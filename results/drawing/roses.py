@@ -77,8 +77,8 @@ def _draw_round(axes: PolarAxes, quasi_static: pd.DataFrame) -> str:
     around = np.unwrap(np.deg2rad(closed["ground_accelerates_toward_deg"]))
     axes.plot(around, closed["value"], color=MAIN_COLOUR, lw=1.3)
     of = ""
-    if "level" in closed:
-        of = f",\nmedian and {100 * closed['level'].iloc[0]:.0f} % of its bases,"
+    if (level := closed["level"].iloc[0]) == level:
+        of = f",\nmedian and {100 * level:.0f} % of its bases,"
         axes.fill_between(around, closed["low_m_s2"], closed["high_m_s2"], color=MAIN_COLOUR, alpha=0.2, lw=0)
     axes.set_rlim(0.0)
     mark_winds(

@@ -262,15 +262,8 @@ def _draw_scale(axes: Axes, reach_m: float) -> None:
     x, y = left + 0.08 * reach_m, bottom + 0.1 * reach_m
     around = [withStroke(linewidth=3, foreground="white")]
     axes.plot([x, x + length], [y, y], "k-", lw=1.5, path_effects=around, solid_capstyle="butt")
-    axes.text(
-        x + 0.5 * length,
-        y + 0.04 * reach_m,
-        f"{length:g} m",
-        ha="center",
-        va="bottom",
-        size=7,
-        path_effects=around,
-    )
+    name, middle = f"{length:g} m", x + 0.5 * length
+    axes.text(middle, y + 0.04 * reach_m, name, ha="center", va="bottom", size=7, path_effects=around)
 
 
 def _interface_lines(scene: Scene) -> list[tuple[Array, str, str, str]]:
@@ -308,23 +301,10 @@ def _draw_plan(axes: Axes, scene: Scene) -> None:
         title="from above",
     )
     axes.annotate(
-        "N",
-        (0.93, 0.83),
-        (0.93, 0.97),
-        xycoords="axes fraction",
-        ha="center",
-        va="top",
-        size=8,
-        weight="bold",
+        "N", (0.93, 0.76), (0.93, 0.97), xycoords="axes fraction", ha="center", va="top", size=8, weight="bold",
         path_effects=[withStroke(linewidth=3, foreground="white")],
-    )
-    axes.annotate(
-        "",
-        (0.93, 0.9),
-        (0.93, 0.76),
-        xycoords="axes fraction",
-        arrowprops={"arrowstyle": "-|>", "lw": 1.2, "color": "k"},
-    )
+        arrowprops={"arrowstyle": "<|-", "lw": 1.2, "color": "k"},
+    )  # fmt: skip
 
 
 def _draw_statics(axes: PolarAxes, scene: Scene) -> None:

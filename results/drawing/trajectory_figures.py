@@ -91,9 +91,7 @@ def _moving_picture(replay: Replay, path: Path, title: str) -> None:
         )  # fmt: skip
         x = _across(time, times)
         draw.line(
-            [(x, heading.height + WIDTH + 4), (x, heading.height + WIDTH + STRIP - 18)],
-            fill="black",
-            width=2,
+            [(x, heading.height + WIDTH + 4), (x, heading.height + WIDTH + STRIP - 18)], fill="black", width=2
         )
         frames.append(picture.convert("P", palette=Image.Palette.ADAPTIVE, colors=128))
     # The last pose is shown for a second.
@@ -239,10 +237,7 @@ AFTER_FALL_S = 1.0
 
 
 def _trajectory_figure(
-    table: pd.DataFrame,
-    motion: Motion,
-    title: str,
-    topple_time_s: float | None = None,
+    table: pd.DataFrame, motion: Motion, title: str, topple_time_s: float | None = None
 ) -> Figure:
     """Ground motion, tilt and displacement of the rock against time.
 

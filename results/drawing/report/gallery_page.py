@@ -125,8 +125,8 @@ def _card(rock: RockResults, folder: Path) -> dict[str, Any]:
             f"falls most easily toward {wind_of(row['falls_toward_deg'])} (arrow; bearing "
             f"{row['falls_toward_bearing_deg']:.0f}°), at {rock.least['value']:.3g} m/s² of constant acceleration"
         )
-        if "level" in rock.least:
-            low, high, level = rock.least[["low_m_s2", "high_m_s2", "level"]]
+        low, high, level = rock.least[["low_m_s2", "high_m_s2", "level"]]
+        if level == level:
             weakest += f" ({100 * level:.0f} % of its bases: {low:.3g} to {high:.3g})"
     place = row["site"] if row["site"] not in (None, rock.name) else ""
     report = rock.run.path / REPORT

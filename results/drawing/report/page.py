@@ -39,13 +39,7 @@ from toppling.results.drawing.roses import rose_figure
 from toppling.results.drawing.run_figures import fit_figure, fit_table, interval_words
 from toppling.results.drawing.scene_figures import scene_picture
 from toppling.results.drawing.sentences import age_words
-from toppling.results.drawing.style import (
-    HALF_WIDTH_IN,
-    digits,
-    measure_label,
-    short_name,
-    with_superscripts,
-)
+from toppling.results.drawing.style import HALF_WIDTH_IN, digits, measure_label, short_name, with_superscripts
 from toppling.results.drawing.templates import Block, Document, Section, block, rendered, sentence
 from toppling.results.reader import Run
 from toppling.results.weights import records_weight, sentences

@@ -28,6 +28,7 @@ from toppling.results.store import write_part
 
 MEDIANS = {"firm": 6.0, "weak": 3.0}
 SAMPLES = 40
+DRAWN = {"azimuth_deg": 90.0, "low_m_s2": 1.0, "median_m_s2": 2.0, "high_m_s2": 4.0}
 CODE, EAST_M, NORTH_M = 32611, 480000.0, 3770000.0  # UTM zone 11 north: 9 km west and 34.07 degrees north
 
 
@@ -49,12 +50,12 @@ def atlas(tmp_path_factory):
     Ensemble.write(place / "quakes", pulses[:20])
     Ensemble.write(place / "own", pulses[10:])
     for name, width in (("firm", 0.3), ("silent", 0.26), ("weak", 0.2)):
-        Scene.block(width, 0.25, 0.8).save(place / "scenes" / name)
-    document = place / "scenes" / "weak" / "scene.json"
-    read = digest.read_json(document)
-    digest.write_json(
-        document, {**read, "origin_m": [EAST_M, NORTH_M, 0.0], "report": {"files": [{"epsg": CODE}]}}
-    )
+        Scene.block(width, 0.25, 0.8, friction=0.1 if name == "silent" else 0.8).save(place / "scenes" / name)
+    bases = {"level": 0.9, "toppling": [DRAWN]}
+    for name, report in (("weak", {"files": [{"epsg": CODE}]}), ("silent", {"unseen_base": bases})):
+        document = place / "scenes" / name / "scene.json"
+        stated = {**digest.read_json(document), "origin_m": [EAST_M, NORTH_M, 0.0], "report": report}
+        digest.write_json(document, stated)
     (place / "sites.csv").write_text(
         "scene,site,longitude,latitude,ensemble,age\nscenes/firm,Echo,-117.5,34.25,,20000\nscenes/weak,Lion,,,own,\n"
         "scenes/silent,,,,,\n"
@@ -183,6 +184,15 @@ def test_one_rock_has_one_direction_of_fall_opposite_to_that_of_the_ground(compa
         assert (row["falls_toward_deg"] - row["ground_accelerates_toward_deg"]) % 360.0 == 180.0
         for name in ("falls_toward", "ground_accelerates_toward"):
             assert (row[f"{name}_deg"] + row[f"{name}_bearing_deg"]) % 360.0 == 90.0
+
+
+def test_statics_of_rocks_are_of_their_bases_where_these_are_drawn_and_join_whether_they_slide(atlas):
+    asked = "select least_quasi_static_m_s2, quasi_static_toppling[1].slides_m_s2 from scene order by rock"
+    least, slides = (column.to_pylist() for column in open_run(atlas).sql(asked).columns)
+    assert least == pytest.approx([9.81 * 0.25 / 0.8, 2.0, 9.81 * 0.2 / 0.8])
+    assert slides == [None, pytest.approx(0.981), None]
+    (drawn,) = (rock.quasi_static() for rock in open_run(atlas).rocks if rock.rock == "silent")
+    assert drawn[["low_m_s2", "high_m_s2", "level"]].iloc[0].tolist() == [1.0, 4.0, 0.9]
 
 
 def test_magnitudes_of_many_rocks_are_refused_with_their_names_and_of_one_of_them_stated(atlas):

@@ -10,8 +10,8 @@ import urllib.request
 from contextlib import contextmanager
 
 import pytest
-from browser import BROWSER
 
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 DRIVER = shutil.which("chromedriver")
 needs_driver = pytest.mark.skipif(
     BROWSER is None or DRIVER is None, reason="no Chromium with its driver here (Debian: apt install chromium-driver)"

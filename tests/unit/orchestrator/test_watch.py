@@ -11,7 +11,7 @@ import threading
 from datetime import UTC, datetime, timedelta
 
 import pytest
-from browser import needs_browser, shown
+from driven import browsing, needs_driver
 from small_campaigns import planned_in
 from waiting import wait_until
 
@@ -96,9 +96,12 @@ def test_a_toppling_is_replayed_on_a_click(server):
     assert "<canvas" in page or "view" in page
 
 
-@needs_browser
+@needs_driver
 def test_a_browser_draws_the_map_and_runs_nothing_that_a_run_says(server, tmp_path):
-    document, complaints = shown(server.address, tmp_path)
+    with browsing(tmp_path) as browser:
+        browser.open(server.address)
+        browser.until("document.querySelectorAll('#latest button').length")
+        document, complaints = browser.run("return document.documentElement.outerHTML"), browser.complaints()
     state_now = state(server)
     assert document.count('class="cell"') == len(state_now["maps"][0]["cells"])
     assert document.count(">replay</button>") == len(state_now["latest"])

@@ -417,7 +417,8 @@ _STATICS = (
 def _scene_table(document: dict[str, Any], site: dict[str, Any]) -> pa.Table:
     """Table of one row from a scene document and the rock's entry in a table of rocks."""
     rock, plane, contact = document["rock"], document["interface"], document["contact"]
-    nominal, found = document["quasi_static_toppling_m_s2"], document["report"].get("unseen_base") or {}
+    nominal = document["quasi_static_toppling_m_s2"]
+    found = (document.get("report") or {}).get("unseen_base") or {}
     slides = {row["azimuth_deg"]: row.get("slides_m_s2") for row in nominal}
     statics = [
         (

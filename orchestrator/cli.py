@@ -168,6 +168,12 @@ def _call() -> None:
     sys.exit(1)
 
 
+_ELSEWHERE = {
+    errno.EROFS: ": write to another place with --out",
+    errno.EACCES: ": ask its owner for access, or name another place",
+}
+
+
 def _os_error_message(error: OSError) -> str:
     """Message for an error of a disk, of permissions or of a limit, with a remedy."""
     note = "; ".join(["", *getattr(error, "__notes__", [])])
@@ -178,8 +184,8 @@ def _os_error_message(error: OSError) -> str:
         full = f"the disk{of} is full" + (f", with {left}" if left else "")
         return f"{full}: make room{note or ', then give the same command again; what is stored stays'}"
     where = f"{_asked_for(written)}: " if written else ""
-    elsewhere = ": write to another place with --out" if error.errno == errno.EROFS else ""
-    return f"{where}{error.strerror or error}{elsewhere}{note}"  # Arrow's errors have a message only
+    elsewhere = _ELSEWHERE.get(error.errno or 0)  # the same command would be refused again
+    return f"{where}{error.strerror or error}{elsewhere or note}"  # Arrow's errors have a message only
 
 
 def _asked_for(path: Any) -> Path:

@@ -68,6 +68,10 @@ def test_wrong_usage_ends_with_code_2_and_names_the_option(words, tmp_path, monk
             OSError(errno.EROFS, "Read-only file system", "/runs/a/.report.html.17.tmp"),
             "toppling: /runs/a/report.html: Read-only file system: write to another place with --out",
         ),
+        (
+            OSError(errno.EACCES, "Permission denied", "/runs/a/.lock"),
+            "toppling: /runs/a/.lock: Permission denied: ask its owner for access, or name another place\n",
+        ),
         (ValueError("A dask config file at '/etc/dask/x.yaml' is malformed"), "correct the file"),
     ],
 )  # fmt: skip

@@ -151,7 +151,7 @@ def fragility(
         run_figures.write_maps(jobs, folder, planes.values(), directions, lines, done),
         run_figures.write_directions(jobs, quasi_static, folder, within, done),
         run_figures.write_friction(jobs, folder, planes["pga_pgv"], done),
-        run_figures.write_fits(jobs, folder, opened.name, samples, advance, done) if fit else (),
+        run_figures.write_fits(jobs, folder, opened.rock, samples, advance, done) if fit else (),
     )
     written = list(_counted(drawing, advance))
     fitted, curves = (of(folder, contacts if fit else ()) for of in (_fits_in, _curves_in))

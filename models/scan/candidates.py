@@ -56,7 +56,7 @@ _LOW_VOXELS, _BESIDE_VOXELS, _ABOVE_VOXELS, _SURROUNDED = 6.0, 6.0, 2.0, 0.6
 its foot, and the share of the directions in which it does."""
 JOINED_SPACINGS, _NEIGHBOURS = 1.8, 12
 """Patches of a rock so near, over the distance to the fourth neighbour, hang together; of so many that are nearest."""
-_SURFACE_ROUGHNESS = 0.4
+SURFACE_ROUGHNESS = 0.4
 """Thickness over width above which a neighbourhood is a bush's, not a surface's."""
 
 
@@ -310,7 +310,7 @@ def cut_between(
     """What the cheapest cut between seeds and what is far leaves around the peak; None if that is no rock."""
     cut_off = minimum_cut(surfels, edges, seeds, far, heights_m)
     rock, share = _component_of(peak, cut_off, edges), _concave_share(surfels, edges, cut_off)
-    if rock.sum() < LEAST_SURFELS or np.median(surfels.roughness[rock]) > _SURFACE_ROUGHNESS:
+    if rock.sum() < LEAST_SURFELS or np.median(surfels.roughness[rock]) > SURFACE_ROUGHNESS:
         return None
     points = surfels.points_m
     height_m = float(np.ptp(points[rock, 2]))

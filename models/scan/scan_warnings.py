@@ -16,7 +16,7 @@ from toppling.models.frames import horizontal_unit_vector, quadrant_of, slope_of
 from toppling.models.hidden_base.near_interface import shown_sectors
 from toppling.models.rock import Rock
 from toppling.models.scan import o3d
-from toppling.models.scan.candidates import LEAST_SURFELS
+from toppling.models.scan.candidates import LEAST_SURFELS, SURFACE_ROUGHNESS, neighbourhood
 from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.interface import (
     Interface,
@@ -31,6 +31,7 @@ from toppling.models.scan.interface_hint import OFF_PER_HEIGHT
 from toppling.models.scan.segment import ROCK
 from toppling.models.scan.surfels import scene_of_rays
 from toppling.models.scan.uncertainty import ObservedRock
+from toppling.models.shapes import joined_parts
 
 _MOST_INVENTED = 0.6
 """Share of the surface; with more of it invented known volumes came out off by half."""
@@ -44,8 +45,8 @@ _MEET_VOXELS, _CREASE_DEG = 4.0, 30.0
 """Patches of rock and pedestal so near to each other meet; at less than the angle one surface goes on in the other."""
 _CREASED_SHARE = 0.5
 """Share of the rim that was seen along which a crease must show."""
-_TOUCHES_ABOVE, _LEAST_TOUCHES = 0.2, 8
-"""Share of the rock's height above which so many patches that touch it are a warning."""
+_TOUCHES_ABOVE = 0.2
+"""Share of the rock's height above which what touches it is a warning."""
 _OFF_SURFACE = 0.3
 """Widths of a patch by which half of the seen points may lie off the surface: noise is a tenth of it."""
 _LEFT_OVER = 2.0
@@ -170,15 +171,17 @@ def _contact(observed: ObservedRock, interface: Interface) -> ScanWarning | None
 
 
 def _touched_above(observed: ObservedRock, interface: Interface) -> Flags:
-    """Which patches (k,) are not the rock's and touch it above its foot; few are none."""
+    """Which patches (k,) of another surface touch the rock above its foot; strewn points and leaves are no surface."""
     surfels = observed.surfels
     high = interface.flat(surfels.points_m)[:, 2] > _TOUCHES_ABOVE * observed.height_m
-    other, own = ~observed.patches & high, observed.patches & high
-    if other.any() and own.any():
-        other[other] = (
-            cKDTree(surfels.points_m[own]).query(surfels.points_m[other])[0] < 2.0 * surfels.voxel_m
-        )
-    return other if own.any() and other.sum() >= _LEAST_TOUCHES else np.zeros_like(other)
+    own, other = observed.patches & high, ~observed.patches & high & (surfels.roughness < SURFACE_ROUGHNESS)
+    edges = neighbourhood(surfels.points_m, surfels.voxel_m)
+    part = joined_parts(edges[other[edges].all(axis=1)], len(other))
+    other &= (np.bincount(part, other)[part] >= LEAST_SURFELS) & own.any()
+    if other.any():
+        away_m = cKDTree(surfels.points_m[own]).query(surfels.points_m[other])[0]
+        other[other] = away_m < 2.0 * surfels.voxel_m
+    return other
 
 
 def off_hint(observed: ObservedRock, interface: Interface, origin_m: Array) -> ScanWarning | None:

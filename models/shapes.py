@@ -27,4 +27,4 @@ def cylinder(radius_m: float, half_height_m: float, sides: int = 64) -> Rock:
 def joined_parts(pairs: Indices, count: int) -> Indices:
     """Index (count,) of the connected component of each node, by edges (k, 2)."""
     graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
-    return np.asarray(connected_components(graph, directed=False)[1])
+    return np.asarray(connected_components(graph, directed=False)[1], np.int64)

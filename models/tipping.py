@@ -23,13 +23,18 @@ from toppling.models.frames import horizontal_unit_vector
 from toppling.models.ground.body import GroundedBody
 from toppling.models.ground.contacts import LEANING, MOST
 from toppling.models.ground.equilibrium import from_rest, held_up_to_m_s2, shortest
+from toppling.models.ground.pairs import REACH
 from toppling.models.ground.rolling import FIRST_KEY as FIRST_SMOOTH_KEY
 from toppling.models.ground.stepping import Grounded, contacts_at
 from toppling.models.pivots import OPENS, Turn, carried_on, crossed, on_one_line, tips_m_s2, turn_under
 from toppling.models.statics import STEEP, TOPPLED_TILT_DEG, Limits
 
 _STEP_SHARE = 0.008
-"""Length of a step along the path, as a fraction of the half diagonal R."""
+"""Length of a step on smooth contacts, which roll, as a fraction of the half diagonal R."""
+
+_STEP_OF_SLACK = 0.25
+"""Longest step on other contacts, about which a rock turns until the next one lands, over the way for which pairs of
+features are listed: a list serves for the contacts of two such steps and more."""
 
 _LEAST_STEP_SHARE = 2e-4
 """Shortest step, as a fraction of R, towards the peak of a rolling rock."""
@@ -37,6 +42,9 @@ _LEAST_STEP_SHARE = 2e-4
 _TOUCHING_SHARES = (1e-6, 1e-5, 1e-4)
 """Gap up to which a contact carries, as a fraction of R: the least with which a path ends. On a fine rough base what a
 step has hardly left lands again and again, unless it counts as touching."""
+
+_CLOSED = 0.01
+"""Gap over that up to which a contact carries below which nothing is left to close."""
 
 _PRESSED_SHARE = 1e-5
 """Length of the step that closes the gaps opened by a rotation, or left of a rock that was let down, over R."""
@@ -96,8 +104,7 @@ def _followed(body: GroundedBody, azimuth_deg: float) -> tuple[float, float]:
 class _Support(NamedTuple):
     """What carries a rock in a pose."""
 
-    near: np.ndarray  # contacts that a step may reach
-    apart: np.ndarray  # of these, those that do not touch
+    apart: np.ndarray  # contacts that a step may reach, of which none touches yet
     touching: np.ndarray
     rolls: bool  # on smooth contacts alone
     rests: bool
@@ -119,6 +126,7 @@ class _Path:
         self.start, self.sim = body.resting_pose, body.clockless(body.resting_pose, 1.0)
         shift_m = self.load * (_PRESSED_SHARE * self.size_m / self.g)
         self.pose = _pressed(body, self.start, _near(self.sim, self.start, self.travel_m), shift_m)
+        self._looks()
         self.last = self.peak = self.prior = self.pose
         self.best_m_s2, self.slides_m_s2, self.gathered_j_kg = 0.0, np.inf, 0.0
         self.turn: Turn | None = None
@@ -132,7 +140,8 @@ class _Path:
             onward, back, off_rad = _rolled_on(self.sim, self.pose, at.touching, self.push, self.turn)
             if _BALANCED_RAD < off_rad < _STEP_SHARE and self.corrections < _MOST_CORRECTIONS:
                 self.corrections += 1
-                self.pose = _closed(self.body, self.sim, _about(self.pose, back, off_rad), self.travel_m)
+                self.pose = _about(self.pose, back, off_rad)
+                self._closes()
                 return False
         self.corrections, away_m = 0, float(np.linalg.norm(self.pose[:3] - self.start[:3]))
         beyond = abs(self.start[3:] @ self.pose[3:]) < _TIPPED_COSINE or away_m > self.size_m
@@ -141,8 +150,9 @@ class _Path:
         if lost and self.travel_m > _LEAST_STEP_SHARE * self.size_m:
             # The largest lies between the pose before and this one: go back, and take shorter steps between them.
             self.pose = self.last = self.prior
+            self._looks()
             at, self.short, turns_on = self._support(), 8, None
-            next_m = self.travel_m = 0.25 * self.travel_m
+            self.travel_m *= 0.25
             if len(at.touching) == 1:
                 onward, _, off_rad = _rolled_on(self.sim, self.pose, at.touching, self.push, self.turn)
         elif beyond:
@@ -159,18 +169,26 @@ class _Path:
                 self.gathered_j_kg, self.fell, self.rolled = 0.0, False, at.rolls
                 self.peak, self.prior = self.pose, self.last
             self.last, self.short = self.pose, self.short - 1
-            longest_m = self.travel_m if self.short > 0 else _STEP_SHARE * self.size_m
-            next_m = _next_travel_m(at.near, longest_m, self.size_m)
-        return not self._turns(at, onward if off_rad < _STEP_SHARE else turns_on, next_m)
+        return not self._turns(at, onward if off_rad < _STEP_SHARE else turns_on)
+
+    def _looks(self) -> np.ndarray:
+        """The contacts near by. The next step is no longer than what was looked at: beyond it others may land."""
+        lists = self.sim.lists
+        self.near = _near(self.sim, self.pose, self.travel_m)
+        far_m = float(lists.pairs.lengths_m[lists.latest[0], REACH])
+        if len(self.near) == MOST:
+            far_m = min(far_m, float(self.near["gap_m"].max()))
+        self.travel_m = min(self.travel_m, max(0.5 * far_m, _LEAST_STEP_SHARE * self.size_m))
+        return self.near
 
     def _support(self) -> _Support:
-        near = _near(self.sim, self.pose, self.travel_m)
+        near = self.near
         smooth, touches = near["key"] >= FIRST_SMOOTH_KEY, near["gap_m"] < self.touching_m
         rolls = bool(touches.any() and smooth[touches].all())
         if rolls:  # one that pressing would close carries as well
             touches |= smooth & (near["gap_m"] < _PRESSED_SHARE * self.size_m)
         touching = near[touches]
-        return _Support(near, near[~touches], touching, rolls, *self._held(touching, rolls))
+        return _Support(near[~touches], touching, rolls, *self._held(touching, rolls))
 
     def _held(self, touching: np.ndarray, rolls: bool) -> tuple[bool, float, float]:
         """Whether a rock rests, up to which acceleration, and from which on it slides.
@@ -218,7 +236,7 @@ class _Path:
             moves = turns_on is not None and self.gathered_j_kg > _climb(turns_on, force, at.apart)
         return turns_on if moves else None
 
-    def _turns(self, at: _Support, turn: Turn | None, next_m: float) -> bool:
+    def _turns(self, at: _Support, turn: Turn | None) -> bool:
         """Turn by a step; whether anything carries the rock on."""
         if turn is None:
             # Elsewhere than at rest it goes on under the acceleration that moved it, to where that holds it again.
@@ -233,10 +251,31 @@ class _Path:
         arms_m, near = at.touching["arm_m"] - turn.arm_m, at.touching
         opening = (crossed(turn.axis, arms_m) * near["normal"]).sum(axis=1)
         stay = near["key"][(opening < OPENS * self.size_m) & (near["key"] >= FIRST_SMOOTH_KEY)]
-        turned = _turned(self.body, self.pose, at.apart, turn, self.travel_m)
-        self.pose = _closed(self.body, self.sim, turned, next_m, stay if len(stay) > 1 else ())
-        self.travel_m = next_m
+        self.pose = _turned(self.body, self.pose, at.apart, turn, self.travel_m)
+        if self.short <= 0:
+            smooth = (near["key"] >= FIRST_SMOOTH_KEY).any()
+            longest_m = _STEP_SHARE * self.size_m if smooth else _STEP_OF_SLACK * self.sim.lists.slack_m[0]
+            self.travel_m = min(2.0 * self.travel_m, longest_m)
+        self._closes(stay if len(stay) > 1 else ())
         return True
+
+    def _closes(self, stay: Sequence[int] = ()) -> None:
+        """Move a turned pose by what turning does beyond its first order: onto the nearest contacts, deep in none.
+
+        Along their normals where they are smooth: a change of the pose that also turned the rock would let it slip. Of
+        two smooth contacts about whose line it has turned both touch again, by Newton's method.
+        """
+        for _ in range(3 if len(stay) else 1):
+            near = self._looks()
+            nearest = near[near["gap_m"].argmin()] if len(near) else None
+            if nearest is None or (len(stay) == 0 and abs(nearest["gap_m"]) < _CLOSED * self.touching_m):
+                return
+            least_m = 0.0 if nearest["key"] < FIRST_SMOOTH_KEY else -_PRESSED_SHARE * self.size_m
+            close_m = np.clip(nearest["gap_m"], least_m, _PRESSED_SHARE * self.size_m)
+            normals = near["normal"][near["gap_m"] <= max(nearest["gap_m"], 0.0)].sum(axis=0)
+            free_m = -close_m * normals / max(float(np.linalg.norm(normals)), 1e-9)
+            self.pose = _pressed(self.body, self.pose, near, free_m, stay)
+        self._looks()
 
 
 def _turn_of(moves: Array) -> Turn | None:
@@ -254,10 +293,18 @@ def _climb(turn: Turn, force: Array, apart: np.ndarray) -> float:
     to_balance = math.atan2(-ahead, -along)
     if to_balance <= 0.0:
         return np.inf
-    closing = -(crossed(turn.axis, apart["arm_m"] - turn.arm_m) * apart["normal"]).sum(axis=1)
-    lands = closing * to_balance > apart["gap_m"]
-    angle = float((apart["gap_m"][lands] / closing[lands]).min(initial=to_balance))
+    angle = float(_lands_rad(turn, apart).min(initial=to_balance))
     return along * (1.0 - math.cos(angle)) - ahead * math.sin(angle)
+
+
+def _lands_rad(turn: Turn, apart: np.ndarray, beyond_m: float = 0.0) -> Array:
+    """Angles of a rotation, to their second order, at which contacts land, or are so far beyond; infinite if never."""
+    arms_m, gaps_m = apart["arm_m"] - turn.arm_m, apart["gap_m"] + beyond_m
+    moved = crossed(turn.axis, arms_m)
+    opens, turns = ((way * apart["normal"]).sum(axis=1) for way in (moved, crossed(turn.axis, moved)))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        angles = 2.0 * gaps_m / (np.sqrt(opens**2 - 2.0 * turns * gaps_m) - opens)
+    return np.where(angles >= 0.0, angles, np.inf)
 
 
 def _stands_on_what_is_below(body: GroundedBody, touching: np.ndarray, push: Array) -> bool:
@@ -270,13 +317,6 @@ def _near(sim: Grounded, pose: Array, travel_m: float) -> np.ndarray:
     """Contacts that a step of some length may reach."""
     bodies = sim.rock, sim.ground, sim.facets
     return sim.trial[: contacts_at(bodies, pose, 2.0 * travel_m, LEANING, sim.lists, sim.trial)].copy()
-
-
-def _next_travel_m(near: np.ndarray, travel_m: float, size_m: float) -> float:
-    """Length of the next step: beyond the farthest of as many contacts as there is room for others may land."""
-    if len(near) < MOST:
-        return travel_m
-    return min(travel_m, max(0.5 * float(near["gap_m"].max()), _LEAST_STEP_SHARE * size_m))
 
 
 def _balanced_m_s2(touching: np.ndarray, load: Array, push: Array) -> float:
@@ -318,7 +358,7 @@ def _rolled_on(
 
     now, changes = missed(contact), np.zeros(2)
     for k, axis in enumerate(axes):
-        near = _near(sim, _about(pose, Turn(arm, axis), _ROLLED_RAD), _STEP_SHARE * sim.size_m)
+        near = _near(sim, _about(pose, Turn(arm, axis), _ROLLED_RAD), _ROLLED_RAD * sim.size_m)
         near = near[near["key"] == contact["key"][0]]
         changes[k] = (missed(near) - now) / _ROLLED_RAD if len(near) else 0.0
     square = float(changes @ changes)
@@ -333,33 +373,11 @@ def _rolled_on(
 
 def _turned(body: GroundedBody, pose: Array, apart: np.ndarray, turn: Turn, travel_m: float) -> Array:
     """A pose turned by a step, or by less to where one of the contacts that are apart carries."""
+    apart = apart[apart["key"] < FIRST_SMOOTH_KEY]
     angle = travel_m / body.size_m
-    closing = -(crossed(turn.axis, apart["arm_m"] - turn.arm_m) * apart["normal"]).sum(axis=1)
-    lands = closing * angle > apart["gap_m"] + _PRESSED_SHARE * body.size_m
-    lands &= apart["key"] < FIRST_SMOOTH_KEY
-    angle = float((apart["gap_m"][lands] / closing[lands]).min(initial=angle))
+    lands = _lands_rad(turn, apart, _PRESSED_SHARE * body.size_m) < angle
+    angle = float(_lands_rad(turn, apart[lands]).min(initial=angle))
     return _about(pose, turn, angle)
-
-
-def _closed(
-    body: GroundedBody, sim: Grounded, pose: Array, travel_m: float, stay: Sequence[int] = ()
-) -> Array:
-    """A turned pose, moved by what turning does beyond its first order: onto the nearest contacts, deep in none.
-
-    Along their normals where they are smooth: a change of the pose that also turned the rock would let it slip. Of two
-    smooth contacts about whose line it has turned both touch again, by Newton's method.
-    """
-    for _ in range(3 if len(stay) else 1):
-        near = _near(sim, pose, travel_m)
-        if len(near) == 0:
-            return pose
-        nearest = near[near["gap_m"].argmin()]
-        least_m = 0.0 if nearest["key"] < FIRST_SMOOTH_KEY else -_PRESSED_SHARE * body.size_m
-        close_m = np.clip(nearest["gap_m"], least_m, _PRESSED_SHARE * body.size_m)
-        normals = near["normal"][near["gap_m"] <= max(nearest["gap_m"], 0.0)].sum(axis=0)
-        free_m = -close_m * normals / max(float(np.linalg.norm(normals)), 1e-9)
-        pose = _pressed(body, pose, near, free_m, stay)
-    return pose
 
 
 def _pressed(

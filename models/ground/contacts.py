@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from toppling.models.compiled import Array, Indices, Vector, inner
-from toppling.models.ground.grid import between, nearest
+from toppling.models.ground.boxes import between, nearest
 from toppling.models.ground.mesh import ContactMesh
 from toppling.models.ground.pairs import (
     FEATURES_AT_A_POINT,
@@ -43,6 +43,9 @@ touches with one place, or with both ends of a triangle that lies on a face."""
 _ON_CORNER, _END = 1e-9, 1e-12
 """Distance over a triangle's size within which a point lies on a corner, so that bodies of one outline have a contact
 at each corner; over an edge's length from its ends, within which edges do not cross. The two overlap."""
+
+_APART = 1e-10
+"""Distance over a mesh's width from which the way to a point tells a normal."""
 
 CONTACT = np.dtype(
     (
@@ -91,7 +94,7 @@ def _meet(point: Any, near: Any, mesh: ContactMesh, reach: Any, vertices: bool, 
     triangles, the way that the rock goes before each can touch, noted anew, and the way since.
     """
     (of, index, p), (triangles, apart_m, travel_m), (margin, leaning) = point, near, reach
-    room, features, count = pairs.point, 0, 0
+    room, features, count, whole = pairs.point, 0, 0, mesh.near_triangles.corners_m[-1]
     for place in range(len(triangles)):
         if apart_m[place] >= margin + travel_m:
             continue
@@ -125,7 +128,7 @@ def _meet(point: Any, near: Any, mesh: ContactMesh, reach: Any, vertices: bool, 
             continue
         offset, total = minus(p, room.spots[k]), room.sums[k]
         far, size = math.sqrt(dot(offset, offset)), math.sqrt(dot(total, total))
-        outside = (ends or room.inside[k] > 0.0) and far > 1e-9 * mesh.grid.cell_m
+        outside = (ends or room.inside[k] > 0.0) and far > _APART * (whole[1, 0] - whole[0, 0])
         for i in range(3):
             room.found[count, i] = offset[i] / far if outside else total[i] / size
             room.found[count, 4 + i] = room.spots[k, i]

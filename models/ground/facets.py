@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from toppling.models.compiled import Array, Indices, Vector, inner
+from toppling.models.ground.boxes import next_near
 from toppling.models.ground.contacts import add
-from toppling.models.ground.grid import cell_of
 from toppling.models.ground.mesh import ContactMesh, normals_at_edges, sides_at_edges
 from toppling.models.ground.pairs import moved_m
 from toppling.models.ground.rigid import copy, dot, minus, plus, rotation_of, square, turned, turned_back
@@ -175,22 +175,21 @@ def _meet_facet(
     place = _farthest(on, part, facet, 0, n, placed)
     gap = dot(n, minus(place, on.places[facet]))
     on.apart_m[part, facet] = max(on.apart_m[part, facet], on.lengths_m[0] + abs(gap))
-    if abs(gap) >= margin_m or not _lies_over(on, ground, facet, place):
+    if abs(gap) >= margin_m or not _lies_over(on, ground, facet, place, margin_m):
         return count
     return add(out, count, FIRST_KEY + part * len(on.normals) + facet, gap, n, place, placed[0])
 
 
 @inner
-def _lies_over(on: Facets, ground: ContactMesh, facet: int, place: Vector) -> bool:
+def _lies_over(on: Facets, ground: ContactMesh, facet: int, place: Vector, margin_m: float) -> bool:
     """Whether a place near a facet's plane lies over one of its triangles."""
-    grid = ground.grid
-    cell = cell_of(grid, place)
-    if cell < 0:
-        return False
-    for index in range(grid.first[cell], grid.first[cell + 1]):
-        t = grid.near[index]
+    near, within_m = ground.near_triangles, margin_m + _BESIDE * on.radii_m[facet]
+    at = next_near(near, -1, (place, place), within_m)
+    while at < len(near.features):
+        t = near.features[at]
         if on.facet_of[t] == facet and _over_triangle(ground, t, place):
             return True
+        at = next_near(near, at, (place, place), within_m)
     return False
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from toppling.models.compiled import Array, Flags, Indices
 from toppling.models.errors import InputError
-from toppling.models.ground.grid import NO_GRID, Grid, grid_of
+from toppling.models.ground.boxes import Boxes, boxes_around
 from toppling.models.shapes import joined_parts
 
 _FINE_SHARE, _SMOOTH_TURN = 0.02, np.cos(np.radians(4.0))
@@ -20,7 +20,7 @@ _FLAT_SHARE = 1e-6
 
 
 class ContactMesh(NamedTuple):
-    """A mesh, its features, and grids of the triangles and edges near each cell. All compiled code reads it.
+    """A mesh, its features, and boxes around its triangles and edges. All compiled code reads it.
 
     Parameters
     ----------
@@ -56,8 +56,8 @@ class ContactMesh(NamedTuple):
         Vertices at which the mesh ends: beside them nothing is inside.
     smooth_points, smooth_edges : (p,), (k,) int arrays
         Of those within one smooth part the first; -1 of any other.
-    grid : Grid
-        Of all triangles and `edges`.
+    near_triangles, near_edges : Boxes
+        By which triangles and `edges` near a place are found.
     """
 
     vertices_m: Array
@@ -80,7 +80,8 @@ class ContactMesh(NamedTuple):
     ends: Flags
     smooth_points: Indices
     smooth_edges: Indices
-    grid: Grid
+    near_triangles: Boxes
+    near_edges: Boxes
 
 
 _NONE = np.zeros((0, 3), np.int64)
@@ -89,7 +90,7 @@ NO_MESH = ContactMesh(
     np.zeros((0, 3)), _NONE, np.zeros((0, 3)), np.zeros(0), np.zeros((0, 3)), np.zeros(0), _NONE, _NONE[:, 0].copy(),
     _NONE, _NONE[:, 0].copy(), _NONE[:, 0].copy(), np.zeros(1, np.int64), np.zeros((0, 3)),
     _NONE[:, :2].copy(), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 2, 3)), np.zeros(0, bool),
-    _NONE[:, 0].copy(), _NONE[:, 0].copy(), NO_GRID,
+    _NONE[:, 0].copy(), _NONE[:, 0].copy(), *2 * [boxes_around(np.zeros((0, 2, 3)))],
 )  # fmt: skip
 """Mesh of a body that touches with none."""
 
@@ -109,9 +110,9 @@ def contact_mesh(
     vertices_m : (n, 3) array
     faces : (m, 3) int array
     low_m, high_m : (3,) arrays
-        Box in which it is looked up; triangles outside of it are left out.
+        Box in which it is looked up.
     reach_m : float
-        Triangles and edges so near a place are found there.
+        Triangles farther from it are left out.
     touching : (n,) bool array, optional
         Vertices that may be points and ends of edges that touch: all unless given.
 
@@ -134,7 +135,6 @@ def contact_mesh(
     if touching is not None:
         stands_out &= touching[used][ends].all(axis=1)
     touching_ends = ends[stands_out]
-    grid = grid_of((corners, vertices[touching_ends][:, [0, 1, 1]]), low_m, high_m, reach_m)
     start, end = vertices[touching_ends[:, 0]], vertices[touching_ends[:, 1]]
     points = np.unique(touching_ends)
     return ContactMesh(
@@ -142,7 +142,8 @@ def contact_mesh(
         np.bincount(faces.ravel(), minlength=len(vertices)), points, *_ways(vertices, ends, points),
         touching_ends, 0.5 * (start + end), 0.5 * np.linalg.norm(end - start, axis=1), inward[stands_out],
         np.isin(np.arange(len(vertices)), ends[owners == 1]),
-        np.full(len(points), -1), np.full(len(touching_ends), -1), grid,
+        np.full(len(points), -1), np.full(len(touching_ends), -1),
+        boxes_around(corners), boxes_around(vertices[touching_ends]),
     )  # fmt: skip
 
 

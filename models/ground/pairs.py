@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from toppling.models.compiled import Array, Indices, Vector, inner
-from toppling.models.ground.grid import cell_of
+from toppling.models.ground.boxes import next_near
 from toppling.models.ground.mesh import ContactMesh
 from toppling.models.ground.rigid import copy, dot, minus, plus, rotation_of, turned, turned_back
 
@@ -53,7 +53,7 @@ class Pairs(NamedTuple):
     pose: Array  # (7,) in which they were found; the first NaN if never
     looked_at: Array  # (7,): the latest pose that was looked at
     # (4, 3): middle of a ball around all places at which they may touch, in body axes and at the latest look; of one
-    # around all features that lie in occupied cells of the other body, in body axes and when they were found.
+    # around all features that were not far from the other body, in body axes and when they were found.
     middle_m: Array
     # Radius of the first ball; the reach in which they were found; way of that ball since; radius of the second ball;
     # least distance of a feature outside of it when they were found.
@@ -89,7 +89,7 @@ class Lists(NamedTuple):
 
     pairs: Pairs  # of all lists: these are the first axis, but of the room for a point
     latest: Indices  # (2,): the list that served last, and the one that was made last
-    slack_m: float  # way of the rock over which pairs are listed
+    slack_m: Array  # (2,): way of the rock over which pairs are listed: what fitted last, and at most
     farthest_m: float  # from the centre of mass
 
 
@@ -102,7 +102,7 @@ _SLACK_SHARE = 0.05
 
 def empty_lists(size_m: float, farthest_m: float, room: int = _PAIRS) -> Lists:
     """Lists of a rock in which nothing is found yet, with room for so many pairs of each kind."""
-    return Lists(_no_pairs(room), np.zeros(2, np.int64), _SLACK_SHARE * size_m, farthest_m)
+    return Lists(_no_pairs(room), np.zeros(2, np.int64), np.full(2, _SLACK_SHARE * size_m), farthest_m)
 
 
 @inner
@@ -206,8 +206,8 @@ def _turned_m(start: Array, end: Array, radius_m: float) -> float:
 _MORE = 1.2
 """Times the margin that is asked for at least, so that the rock may move on a little."""
 
-_PARTS = 4
-"""Of a cell: an edge is looked up in as long parts, by the middle of each."""
+_WIDE = 2.0
+"""Times the reach in which pairs are listed, up to which features decide by their way whether these still serve."""
 
 
 @inner
@@ -220,31 +220,28 @@ def find(rock: ContactMesh, ground: ContactMesh, pose: Array, margin_m: float, l
         latest[0] = (latest[0] + 1) % count
     latest[1] = (latest[1] + 1) % count
     latest[0] = latest[1]
-    most_m = min(rock.grid.reach_m, ground.grid.reach_m)
-    _search(rock, ground, pose, min(max(lists.slack_m, _MORE * margin_m), most_m), latest_pairs(lists))
+    pairs, slack_m = latest_pairs(lists), lists.slack_m
+    reach_m = _search((rock, ground), pose, max(slack_m[0], _MORE * margin_m), pairs)
+    # In twice the reach there are some four times as many.
+    few = 4 * max(pairs.found[0], pairs.found[1], pairs.found[2]) < len(pairs.first[0])
+    slack_m[0] = min(2.0 * reach_m if few else reach_m, slack_m[1])
 
 
 @inner(allocates=True)
-def _search(rock: ContactMesh, ground: ContactMesh, pose: Array, reach: float, pairs: Pairs) -> None:
-    """Find the features that are within a reach of each other, in the grids."""
-    turn, seen = pairs.turn, np.full(len(ground.edges), -1)
+def _search(bodies: Any, pose: Array, reach: float, pairs: Pairs) -> float:
+    """Find the features of rock and ground within a reach of each other, or within so much of it that they fit."""
+    turn, found, least, box = pairs.turn, pairs.found, 1e-7 * reach, _no_box()
     rotation_of(pose, turn)
-    placed, around = np.empty_like(rock.vertices_m), _no_box()
-    for i in range(len(placed)):
-        placed[i, 0], placed[i, 1], placed[i, 2] = plus(pose, 1.0, turned(turn, rock.vertices_m[i]))
-        _widen(around, placed[i], rock.grid.reach_m)
-    found, box, lengths_m = pairs.found, _no_box(), pairs.lengths_m
     while True:
-        for kind in range(2):
-            _list_points(pairs, kind, (rock, ground), (pose, turn), reach, (around, box))
-        seen[:] = -1
-        _list_edges((placed, seen, box), rock, ground, reach, pairs)
-        if found.max() < len(pairs.first[0]) or reach < 1e-5 * ground.grid.cell_m:
+        for kind in range(3):
+            _list(pairs, kind, bodies, (pose, turn), reach, box)
+        if found.max() < len(pairs.first[0]) or reach < least:
             break
         reach *= 0.5  # of pairs that do not fit, none may be left out that can touch soon
-    lengths_m[EMPTY] = min(rock.grid.reach_m, ground.grid.reach_m - 0.5 * ground.grid.cell_m / _PARTS)
-    lengths_m[WIDE_RADIUS] = _ball_around(box, (pose, turn), pairs.middle_m[2], pairs.middle_m[3])
-    _found_in(rock, ground, pose, reach, pairs)
+    pairs.lengths_m[EMPTY] = _WIDE * reach
+    pairs.lengths_m[WIDE_RADIUS] = _ball_around(box, (pose, turn), pairs.middle_m[2], pairs.middle_m[3])
+    _found_in(*bodies, pose, reach, pairs)
+    return reach
 
 
 @inner
@@ -266,84 +263,38 @@ def _edges_apart_m(a: Vector, b: Vector, half_m: float, mesh: ContactMesh, edge:
 
 
 @inner
-def _append(pairs: Pairs, kind: int, first: int, second: int, apart_m: float) -> None:
-    """List one more pair, if there is room."""
-    count = pairs.found[kind]
-    if count < len(pairs.first[kind]):
-        pairs.first[kind, count], pairs.second[kind, count] = first, second
-        pairs.apart_m[kind, count] = apart_m
-        pairs.found[kind] = count + 1
+def _list(pairs: Pairs, kind: int, bodies: Any, placed: Any, reach: float, box: Array) -> None:
+    """List the pairs of a kind within a reach.
 
-
-@inner
-def _list_points(pairs: Pairs, kind: int, bodies: Any, placed: Any, reach: float, boxes: Any) -> None:
-    """List pairs of points of one body and triangles of the other within a reach.
-
-    Rock and ground; the rock's pose and its rotation; a box around all of the ground that may touch the rock, and one
-    widened, in body axes, around what lies in any triangle's cells.
+    Rock and ground; the rock's pose and its rotation; a box widened, in body axes, around what is not far.
     """
-    pairs.found[kind], (rock, ground), (around, box) = 0, bodies, boxes
-    of, mesh = (rock, ground) if kind == 0 else (ground, rock)
-    for index in range(len(of.points)):
-        there = of.vertices_m[of.points[index]]
-        if kind == 1 and not _is_within(around, (there[0], there[1], there[2])):
+    (rock, ground), second, apart, count = bodies, pairs.second[kind], pairs.apart_m[kind], 0
+    of, mesh = (ground, rock) if kind == 1 else (rock, ground)
+    near = ground.near_edges if kind == 2 else mesh.near_triangles
+    for index in range(len(rock.edges) if kind == 2 else len(of.points)):
+        if count == len(second):
+            break
+        ends = ends_of(bodies, kind, index, placed)
+        if next_near(near, -1, ends, _WIDE * reach) == len(near.features):
             continue
-        q, _ = ends_of(bodies, kind, index, placed)
-        grid, cell = mesh.grid, cell_of(mesh.grid, q)
-        if cell < 0 or grid.first[cell] == grid.first[cell + 1]:
-            continue
-        if kind == 0:
-            _widen(box, there, 0.0)
-        else:
-            _widen(box, q, reach)
-        for place in range(grid.first[cell], grid.first[cell + 1]):
-            t = grid.near[place]
-            apart_m = _point_apart_m(q, mesh, t)
+        for end in ends:
+            _widen(box, end if kind == 1 else turned_back(placed[1], minus(end, placed[0])), 0.0)
+        begin, at = count, next_near(near, -1, ends, reach)
+        while at < len(near.features) and count < len(second):
+            other = near.features[at]
+            if kind == 2:
+                apart_m = _edges_apart_m(ends[0], ends[1], rock.edge_halves_m[index], ground, other)
+            else:
+                apart_m = _point_apart_m(ends[0], mesh, other)
             if apart_m < reach:
-                _append(pairs, kind, index, t, apart_m)
-
-
-@inner
-def _list_edges(of: Any, rock: ContactMesh, ground: ContactMesh, reach: float, pairs: Pairs) -> None:
-    """List pairs of edges within a reach.
-
-    of: the rock's vertices as they are placed; a mark on each edge of the ground; a box widened around edges that lie
-    in the cells of any.
-    """
-    pairs.found[2], (placed, seen, box) = 0, of
-    for i in range(len(rock.edges)):
-        begin, start, end = pairs.found[2], placed[rock.edges[i, 0]], placed[rock.edges[i, 1]]
-        a, b, half_m = (start[0], start[1], start[2]), (end[0], end[1], end[2]), rock.edge_halves_m[i]
-        parts, wide = int(_PARTS * 2.0 * half_m / ground.grid.cell_m) + 1, False
-        for part in range(parts):
-            at = plus(a, (part + 0.5) / parts, minus(b, a))
-            grid, cell = ground.grid, cell_of(ground.grid, at)
-            if cell < 0 or grid.first_edge[cell] == grid.first_edge[cell + 1]:
-                continue
-            wide = True
-            for place in range(grid.first_edge[cell], grid.first_edge[cell + 1]):
-                j = grid.near_edges[place]
-                if seen[j] == i:
-                    continue
-                seen[j] = i
-                apart_m = _edges_apart_m(a, b, half_m, ground, j)
-                if apart_m < reach:
-                    _append(pairs, 2, i, j, apart_m)
-                    _put_in_order(pairs, begin)
-        if wide:
-            _widen(box, rock.vertices_m[rock.edges[i, 0]], 0.0)
-            _widen(box, rock.vertices_m[rock.edges[i, 1]], 0.0)
-
-
-@inner
-def _put_in_order(pairs: Pairs, begin: int) -> None:
-    """Put the last pair where it belongs among those of the same edge of the rock: their order depends on no pose."""
-    k, second, apart_m = pairs.found[2] - 1, pairs.second[2], pairs.apart_m[2]
-    j, last_m = second[k], apart_m[k]
-    while k > begin and second[k - 1] > j:
-        second[k], apart_m[k] = second[k - 1], apart_m[k - 1]
-        k -= 1
-    second[k], apart_m[k] = j, last_m
+                k = count  # of one first feature, in the order of the second
+                while k > begin and second[k - 1] > other:
+                    second[k], apart[k] = second[k - 1], apart[k - 1]
+                    k -= 1
+                second[k], apart[k], pairs.first[kind, count] = other, apart_m, index
+                count += 1
+            at = next_near(near, at, ends, reach)
+    pairs.found[kind] = count
 
 
 @inner(allocates=True)
@@ -359,13 +310,6 @@ def _widen(box: Array, place: Any, by_m: float) -> None:
     """Widen a box so that a place lies in it, and what is so near."""
     for k in range(3):
         box[0, k], box[1, k] = min(box[0, k], place[k] - by_m), max(box[1, k], place[k] + by_m)
-
-
-@inner
-def _is_within(box: Array, place: Any) -> bool:
-    """Whether a place lies in a box."""
-    x, y, z = place
-    return box[0, 0] <= x <= box[1, 0] and box[0, 1] <= y <= box[1, 1] and box[0, 2] <= z <= box[1, 2]
 
 
 @inner(allocates=True)

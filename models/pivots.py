@@ -86,9 +86,8 @@ def balanced_on(arms_m: Array, normals: Array, size_m: float, load_m_s2: Array) 
     The load does no work over it in its first order, and the centre of mass lies above its axis.
     """
     start, axis = _axes(arms_m, normals, size_m)
-    if (
-        len(start) == 0 and len(arms_m) and on_one_line(arms_m, size_m)
-    ):  # at one place: toward x, as on a plane
+    # At one place: toward x, as on a plane.
+    if len(start) == 0 and len(arms_m) and on_one_line(arms_m, size_m):
         start, axis = arms_m[:1], crossed(np.eye(3)[np.abs(load_m_s2).argmin()], load_m_s2)[None]
         axis = axis / np.linalg.norm(axis)
     com = (start * axis).sum(axis=1)[:, None] * axis - start

@@ -5,8 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
+from scipy.sparse import coo_matrix, diags
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
+from scipy.sparse.linalg import eigsh
 from scipy.spatial import cKDTree
 
 from toppling.models.arrays import Array, Flags, Indices, bounds_of, distinct, inside_cylinder
@@ -45,6 +46,10 @@ _MEETS_VOXELS = 2.0
 """Distance from a known interface within which rock and pedestal meet in patches."""
 LEAST_CONCAVE_SHARE = 0.3
 """Share of the cut's edges that must run through a crease: a hummock's foot has none."""
+_SHARP = -0.8
+"""Lower quartile of the bend along the crease between two bodies, some 45 degrees: where blobs grew together, .6."""
+_PART_SHARE = 0.03
+"""Least share of a rock's patches that a part of it has: of its volume about half a percent."""
 LEAST_SURFELS = 50
 """Fewer patches are no rock."""
 _ALIKE = 0.97
@@ -239,6 +244,52 @@ def bodies(surfels: Surfels, edges: Indices, among: Flags) -> list[Flags]:
     part = joined_parts(edges[smooth[edges].all(axis=1)], len(smooth))
     sizes = np.bincount(part[smooth], minlength=part.max() + 1)
     return [smooth & (part == n) for n in np.argsort(-sizes) if sizes[n] >= LEAST_SURFELS] or [among]
+
+
+def parted(surfels: Surfels, edges: Indices, rock: Flags) -> tuple[list[Flags], list[Flags]]:
+    """Bodies (n,) that touch each other in a rock, the largest first, and parts of them beyond a blunter crease.
+
+    Where two bodies touch, the crease between them is sharp; it may be as blunt where one body narrows or is cracked.
+    """
+    part = _narrowest(surfels, edges, rock)
+    rest = rock & ~part
+    if min(part.sum(), rest.sum()) < max(_PART_SHARE * rock.sum(), LEAST_SURFELS):
+        return [rock], []
+    bends = bend(surfels, edges[rock[edges].all(axis=1) & (part[edges].sum(axis=1) == 1)])
+    if np.quantile(bends, 0.25) > _SHARP:
+        return [rock], [min(part, rest, key=np.sum)] if np.median(bends) < CREASE else []
+    sides = parted(surfels, edges, part), parted(surfels, edges, rest)
+    found, parts = (first + second for first, second in zip(*sides, strict=True))
+    return sorted(found, key=np.sum, reverse=True), parts
+
+
+def _narrowest(surfels: Surfels, edges: Indices, rock: Flags) -> Flags:
+    """One side (n,) of the cut through some patches that is cheapest for what it leaves on its smaller side.
+
+    It is about where the second eigenvector of the graph of the patches steps (Shi and Malik 2000).
+    """
+    edges = edges[rock[edges].all(axis=1)]
+    component = joined_parts(edges, len(rock))
+    largest = rock & (component == np.bincount(component[rock]).argmax())
+    patches, edges = np.flatnonzero(largest), edges[largest[edges].all(axis=1)]
+    price, count = _capacity(surfels, edges), len(patches)
+    if count < 2 * LEAST_SURFELS:
+        return np.zeros_like(rock)
+    one_way = coo_matrix((price / price.mean(), np.searchsorted(patches, edges).T), (count, count))
+    adjacent = one_way + one_way.T
+    laplacian = (diags(np.asarray(adjacent.sum(axis=1)).ravel()) - adjacent).tocsc()
+    start = np.random.default_rng(1).normal(size=count)
+    values, vectors = eigsh(laplacian, 2, sigma=-1e-5, tol=1e-3, v0=start)
+    order = patches[np.argsort(vectors[:, np.argmax(values)])]
+    rank = np.empty(len(rock), np.int64)
+    rank[order] = np.arange(count)
+    first, last = np.sort(rank[edges], axis=1).T
+    cut = np.cumsum(np.bincount(first, price, count) - np.bincount(last, price, count))
+    smaller = np.minimum(np.arange(1, count + 1), np.arange(count)[::-1])
+    at = 1 + int(np.where(smaller >= LEAST_SURFELS, cut / np.sqrt(np.maximum(smaller, 1)), np.inf).argmin())
+    seeds, far = np.zeros_like(rock), np.zeros_like(rock)
+    seeds[order[: at // 2]], far[order[(at + count) // 2 :]] = True, True
+    return minimum_cut(surfels, edges, seeds, far)
 
 
 def neighbourhood(points_m: Array, voxel_m: float) -> Indices:

@@ -24,7 +24,6 @@ from toppling.models.scan import o3d
 from toppling.models.scan.crevice import grid_triangles
 from toppling.models.scan.interface import Interface, Sheet
 from toppling.models.scan.surfels import LEVEL, Surfels
-from toppling.models.shapes import joined_parts
 
 _LEAST_PATCHES = 40
 _NEIGHBOURS = 9
@@ -119,7 +118,6 @@ def close_rock(surfels: Surfels, rock: Flags, base: Base, interface: Interface) 
     """
     flat, flat_normals = interface.flat(surfels.points_m[rock]), surfels.normals[rock] @ interface.axes
     above = interface.over(surfels.points_m[rock])[:, 2] > 0.0
-    above &= _together(flat, 3.0 * surfels.voxel_m)
     flat, flat_normals = flat[above], flat_normals[above]
     closes = base.hidden if base.passage is None else base.hidden & ~base.passage
     # As dense as the patches: the level at which the surface lies is the mean over all points.
@@ -176,13 +174,6 @@ def _apart(vertices: Array, faces: Indices, reach_m: float) -> Array:
         direction = vertices[faces[(faces == vertex).any(axis=1)]].mean(axis=(0, 1)) - vertices[vertex]
         moved[vertex] += reach_m * direction / max(float(np.linalg.norm(direction)), reach_m)
     return moved
-
-
-def _together(points: Array, reach_m: float) -> Flags:
-    """Which points belong to the largest group of neighbours."""
-    pairs = cKDTree(points).query_pairs(reach_m, output_type="ndarray")
-    group = joined_parts(pairs, len(points))
-    return group == np.bincount(group).argmax()
 
 
 def _above(base: Base, flat: Array, height_m: float) -> manifold3d.Manifold:

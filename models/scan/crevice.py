@@ -28,8 +28,6 @@ _RELIEFS, _RELIEF_PER_HEIGHT = 3.0, 0.001
 the least one, over the rock's height."""
 _FOOT_PER_HEIGHT = 0.006
 """Distance outside the rock's outline on the ground up to which points that overhang the sheet are the rock's."""
-_LEVEL_PER_HEIGHT = 0.02
-"""Distance from the interface plane within which the sheet's cells show the pedestal's roughness."""
 _IN_ORDER = 50
 """Cells along the longest side of points that are asked for in order."""
 LEAST_SEEN = 30
@@ -217,20 +215,7 @@ def _pedestal_sheet(
         noise = 1.4826 * float(np.median(np.abs(gap[taken])))
         tolerance = max(min(tolerance, 6.0 * noise), 3.5 * noise, 0.0015 * height_m)
         taken = (np.abs(gap) < tolerance) & low_enough
-    # A sheet too stiff for a shoulder lies off its points there: how far points of one cell lie apart does not tell.
-    taken &= np.abs(flat[:, 2]) < _LEVEL_PER_HEIGHT * height_m
-    return sheet, min(tolerance, max(5.0 * _scatter_m(gap[taken], index[taken]), 0.0015 * height_m))
-
-
-def _scatter_m(gap: Array, cell: Indices) -> float:
-    """Standard deviation of gaps about the mean of their cell, robust; infinite where too few cells have several."""
-    _, number, count = np.unique(cell, return_inverse=True, return_counts=True)
-    mean = np.bincount(number, gap) / count
-    several = (count > 1)[number]
-    if several.sum() < LEAST_SEEN:
-        return np.inf
-    spread = np.sqrt(count / np.maximum(count - 1, 1))[number]
-    return 1.4826 * float(np.median((np.abs(gap - mean[number]) * spread)[several]))
+    return sheet, tolerance
 
 
 def _rim_polygon(flat_rock: Array, height_m: float, *, given: bool) -> Array:

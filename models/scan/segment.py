@@ -19,6 +19,7 @@ from toppling.models.scan.candidates import (
     joined_rock,
     minimum_cut,
     neighbourhood,
+    parted,
     surfels_of,
     thing_and_rest,
 )
@@ -45,14 +46,8 @@ def choose(candidates: list[Candidate], near_m: Array | None, origin_m: Array, c
     chosen = candidates[0] if near_m is None else _nearest(candidates, near_m, origin_m)
     rivals = [c for c in candidates if c is not chosen and c.height_m > _RIVAL_SHARE * chosen.height_m]
     if near_m is None and rivals:
-        raise InputError(
-            "scan.several_rocks",
-            f"{1 + len(rivals)} things of like size stand there, tops at x, y: {_tops([chosen, *rivals], origin_m)}",
-            where="segmentation",
-            expected="one rock, or a hint which one",
-            remedy="click on one with --pick, name one by --near X Y in survey coordinates, as printed here, or crop "
-            "the cloud",
-        )
+        what = f"{1 + len(rivals)} things of like size stand there"
+        raise _several(f"{what}, tops at x, y: {_tops([chosen, *rivals], origin_m)}")
     if chosen.rivals:
         seen = [
             f"{thing.height_m:.3g} m high above "
@@ -69,6 +64,17 @@ def choose(candidates: list[Candidate], near_m: Array | None, origin_m: Array, c
             "with --pick",
         )
     return chosen
+
+
+def _several(seen: str) -> InputError:
+    return InputError(
+        "scan.several_rocks",
+        f"more than one may be the rock: {seen}",
+        where="segmentation",
+        expected="one rock, or a hint which one",
+        remedy="click on one with --pick, name one by --near X Y in survey coordinates, as printed here, or crop "
+        "the cloud",
+    )
 
 
 def _three_of(loop_m: Array) -> Array:
@@ -233,6 +239,7 @@ class Segmentation:
     surfel_label: NDArray[np.int8]  # (k,)
     # list of (x, y, z, height): other things that stand there, metres.
     others: list[tuple[float, float, float, float]]
+    note: str = ""  # what touches the rock, and whether it was taken with it
 
 
 def segment(
@@ -249,14 +256,14 @@ def segment(
     """
     coarse = surfels_of(points_m)
     if hint is not None:
-        return _refine(points_m, coarse, _standing_on(coarse, hint, near_m), [], hint)
+        return _refine(points_m, coarse, _standing_on(coarse, hint, near_m), [], origin_m, near_m, hint)
     candidates = find_candidates(points_m, coarse)
     # A rock that is small in its cloud shows in patches made around it alone: where points lie densest, unless named.
     place_m = np.median(points_m[:, :2], axis=0) if near_m is None and not candidates else near_m
     if place_m is not None and not _lies_on(place_m, candidates):
         coarse, candidates = look_around(points_m, place_m, coarse, candidates)
     chosen = choose(candidates, near_m, origin_m, coarse)
-    return _refine(points_m, coarse, chosen, [c for c in candidates if c is not chosen])
+    return _refine(points_m, coarse, chosen, [c for c in candidates if c is not chosen], origin_m, near_m)
 
 
 def _standing_on(surfels: Surfels, hint: InterfaceHint, near_m: Array | None) -> Candidate:
@@ -329,6 +336,8 @@ def _refine(
     coarse: Surfels,
     chosen: Candidate,
     others: list[Candidate],
+    origin_m: Array,
+    near_m: Array | None,
     hint: InterfaceHint | None = None,
 ) -> Segmentation:
     """Cut again at a hundredth of the rock's height, and label every point."""
@@ -337,14 +346,17 @@ def _refine(
     voxel = surfels.voxel_m
     edges = neighbourhood(surfels.points_m, voxel)
     votes = chosen.share_around(surfels.points_m)
-    if hint is None:
-        fine_rock = minimum_cut(surfels, edges, votes == 1.0, votes == 0.0)
-    else:
+    seeds, far, over = votes == 1.0, votes == 0.0, None
+    if hint is not None:
         over = hint.interface.flat(surfels.points_m)[:, 2]
-        seeds, far = (votes == 1.0) & (over > 2.0 * voxel), (votes == 0.0) | (over < -2.0 * voxel)
-        fine_rock = minimum_cut(surfels, edges, seeds, far, over)
-    surfel_label = np.where(fine_rock, ROCK, PEDESTAL).astype(np.int8)
-    surfel_label[fine_rock & ~joined_rock(surfels.points_m, fine_rock, votes == 1.0)] = NEITHER
+        seeds, far = seeds & (over > 2.0 * voxel), far | (over < -2.0 * voxel)
+    fine_rock = minimum_cut(surfels, edges, seeds, far, over)
+    meant, note = _meant(surfels, edges, fine_rock, near_m, hint is not None, origin_m)
+    surfel_label = np.where(meant, ROCK, PEDESTAL).astype(np.int8)
+    surfel_label[meant & ~joined_rock(surfels.points_m, meant, meant & seeds)] = NEITHER
+    # What hangs together with the rest through the rock alone lies on it.
+    part = joined_parts(edges[~meant[edges].any(axis=1)], len(meant))
+    surfel_label[fine_rock & ~meant & (np.bincount(part, far)[part] == 0.0)] = NEITHER
     label = np.full(len(points_m), PEDESTAL, np.int8)
     strays = np.flatnonzero(index < 0)
     away_m, index[strays] = cKDTree(surfels.points_m).query(points_m[around[strays]])
@@ -357,7 +369,35 @@ def _refine(
         surfels,
         surfel_label,
         [(*other.top_m.tolist(), other.height_m) for other in others],
+        note,
     )
+
+
+def _meant(
+    surfels: Surfels, edges: Indices, rock: Flags, near_m: Array | None, hinted: bool, origin_m: Array
+) -> tuple[Flags, str]:
+    """Which patches (n,) of a rock are those of the body that is meant, and what touches it, in words."""
+
+    def seen(parts: list[Flags]) -> str:
+        return ", and ".join(
+            "{:.0%} of the patches about {:.2f}, {:.2f}, {:.2f}".format(
+                part.sum() / rock.sum(), *(np.median(surfels.points_m[part], axis=0) + origin_m)
+            )
+            for part in parts
+        )
+
+    bodies, parts = parted(surfels, edges, rock)
+    if len(bodies) == 1:
+        remedy = "if these are two bodies, give that which is meant and the rest as --rock and --pedestal"
+        return rock, f"a crease parts the rock in two, {seen(parts)}: {remedy}" if parts else ""
+    what = f"{len(bodies)} bodies touch each other there: {seen(bodies)}"
+    if near_m is None and hinted:
+        return rock, f"{what}; they are taken as one rock, or name one by --near X Y"
+    if near_m is None:
+        raise _several(what)
+    outlines = [ConvexHull(surfels.points_m[body, :2]).equations for body in bodies]
+    away_m = [max(float((lines[:, :2] @ near_m + lines[:, 2]).max()), 0.0) for lines in outlines]
+    return bodies[int(np.argmin(away_m))], f"{what}; the rock is that at --near X Y, without the rest"
 
 
 def _clutter(points_m: Array, coarse: Surfels, rock_m: Array, fine_m: float) -> Flags:

@@ -362,7 +362,8 @@ def work_out(
         or [{"name": name, "points": points} for name, points in cloud.files],
         "uncertainty": spread_of(closed),
     }
-    notes += [moved, too_large(height_m, closed.rock.volume_m3), *(doubt.sentence for doubt in doubted)]
+    notes += [parts.note, moved, too_large(height_m, closed.rock.volume_m3)]
+    notes += [doubt.sentence for doubt in doubted]
     seat = ground.pedestal, cloud.origin_m, fitted.bounds_m
     cached = CachedScan(observed, interface, closed, *seat, report, inspection)
     return cached, seen.label, tuple(filter(None, notes))

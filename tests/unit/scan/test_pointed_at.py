@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from patches import box, wall
 from refusals import refused
 from scipy.spatial import ConvexHull, cKDTree
 
@@ -163,3 +164,15 @@ def test_a_rock_that_is_small_in_its_cloud_is_found_where_points_lie_densest_or_
     for near_m in (None, top):
         found = segment(points, virtual.DEMO_ORIGIN_M, near_m=near_m).label[: len(label)]
         assert (found[label == ROCK] == ROCK).mean() > 0.95
+
+
+def test_a_stone_on_a_rock_is_asked_about_and_left_out_after_a_click():
+    rock, stone = box((-0.5, -0.5, 0.0), (0.5, 0.5, 1.8))[0], box((-0.25, -0.25, 1.8), (0.2, 0.25, 2.2))[0]
+    rock = rock[np.abs(rock - [0.0, 0.0, 1.8]).max(axis=1) > 0.26]
+    soil = wall((-3, -3, 0), (6, 0, 0), (0, 6, 0), (0, 0, 1))[0]
+    points = np.vstack([rock, stone, soil[np.abs(soil).max(axis=1) > 0.51]])
+    points += np.random.default_rng(3).normal(0.0, 1e-3, points.shape)
+    with refused("scan.several_rocks", "2 bodies touch each other there"):
+        segment(points, ORIGIN_M)
+    label = segment(points, ORIGIN_M, np.zeros(2)).label[: len(rock) + len(stone)]
+    assert (label == np.repeat([ROCK, NEITHER], [len(rock), len(stone)])).mean() > 0.95

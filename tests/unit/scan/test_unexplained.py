@@ -63,9 +63,8 @@ def column(radius_at, height=1.0):
     points = radius[:, None, None] * direction + z[:, None, None] * [0.0, 0.0, 1.0]
     normals = direction - slope[:, None, None] * [0.0, 0.0, 1.0]
     normals /= np.linalg.norm(normals, axis=2, keepdims=True)
-    top, up = wall(
-        (-radius[-1], -radius[-1], height), (2 * radius[-1], 0, 0), (0, 2 * radius[-1], 0), (0, 0, 1)
-    )
+    end = radius[-1]
+    top, up = wall((-end, -end, height), (2 * end, 0, 0), (0, 2 * end, 0), (0, 0, 1))
     inside = np.hypot(*top[:, :2].T) < radius[-1]
     return together((points.reshape(-1, 3), normals.reshape(-1, 3)), (top[inside], up[inside]))
 
@@ -148,10 +147,8 @@ def test_strays_high_up_the_rock_do_not_turn_the_interface(strays):
 
 def test_a_crown_that_was_taken_for_pedestal_carries_nothing():
     """Patches seen apart from the others at the top lie nearer to the rock than all of the ground."""
-    block, crown = (
-        box((-0.25, -0.25, 0.3), (0.25, 0.25, 1.0)),
-        wall((-0.25, -0.25, 1.01), (0.5, 0, 0), (0, 0.5, 0), (0, 0, 1)),
-    )
+    block = box((-0.25, -0.25, 0.3), (0.25, 0.25, 1.0))
+    crown = wall((-0.25, -0.25, 1.01), (0.5, 0, 0), (0, 0.5, 0), (0, 0, 1))
     seen = seen_of(block, together(ground(0.3), crown))
     found = fit_interface(seen.surfels, seen.patches)
     assert found.normal[2] == pytest.approx(1.0, abs=1e-6)
@@ -186,10 +183,8 @@ def test_of_a_stack_the_upper_thing_is_meant_that_a_level_plane_carries(half_m, 
 @pytest.mark.thorough
 def test_a_part_of_a_level_face_rises_from_nothing():
     places = np.stack(np.meshgrid(*[np.arange(-1.0, 1.0, 0.03)] * 2, [0.0]), axis=-1).reshape(-1, 3)
-    face, away = (
-        Surfels(places, np.tile([0.0, 0.0, 1.0], (len(places), 1)), np.zeros(len(places)), 0.03),
-        np.hypot(*places[:, :2].T),
-    )
+    face = Surfels(places, np.tile([0.0, 0.0, 1.0], (len(places), 1)), np.zeros(len(places)), 0.03)
+    away = np.hypot(*places[:, :2].T)
     assert cut_between(face, neighbourhood(places, 0.03), away < 0.5, away > 0.9, int(away.argmin())) is None
 
 
@@ -249,9 +244,8 @@ def test_a_statue_on_its_plinth_is_found_without_a_hint_and_with_its_plane(hint)
 def test_a_rim_unseen_around_the_weight_is_warned_of(unseen_deg, warned):
     turn = np.deg2rad(np.arange(0.5, 360.0 - unseen_deg))
     low = 0.3 * np.column_stack([np.cos(turn), np.sin(turn), np.full(len(turn), 0.01)])
-    found = unseen_rim(
-        ObservedRock(low, low, low, low, None, None, 1.0, None), LEVEL, np.array([0.0, 0.0, 0.5])
-    )
+    seen = ObservedRock(low, low, low, low, None, None, 1.0, None)
+    found = unseen_rim(seen, LEVEL, np.array([0.0, 0.0, 0.5]))
     assert (found is not None) == warned
 
 

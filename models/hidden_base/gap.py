@@ -43,6 +43,8 @@ class Relief:
     # The same of its roughness.
     rough_m: float
     rough_length_m: float
+    # Standard deviation of the curvature of a paraboloid about the middle: a base is round or hollow as a whole.
+    curvature_per_m: float = 0.0
     # Standard deviation of what a base rises from its middle to its outline, as each of these powers of the
     # way there: a base that is round within its own outline, however long that is.
     bowl_m: float = 0.0
@@ -55,7 +57,8 @@ class Relief:
         apart = cdist(places_m, places_m)
         shape = self.shape_m**2 * _matern(apart / self.shape_length_m)
         off_m = places_m - places_m.mean(axis=0)
-        shape += self.slope**2 * (off_m @ off_m.T)
+        paraboloid = 0.5 * self.curvature_per_m * (off_m**2).sum(axis=1)
+        shape += np.outer(paraboloid, paraboloid) + self.slope**2 * (off_m @ off_m.T)
         if self.bowl_m:
             bowls = self.bowl_m * _outward_fraction(places_m)[:, None] ** np.array(self.bowl_powers)
             shape += bowls @ bowls.T

@@ -54,6 +54,8 @@ _NEIGHBOURS, _OF_SIDE = 5, 6
 """Points by which the pedestal, and a rock's side, are known at a place; the place's own point is one of them."""
 _FARTHER_OUT = 8
 """So many times these points reach to where the pedestal's slope is taken."""
+_SMOOTHED_OVER = 10
+"""Patches of a rock's side in whose plane each of them is taken."""
 _RIM_BORDER = 3.0
 """Cells from the hidden part's border: points there may be the pedestal beside the rock."""
 _LIT_CELLS = 2.0
@@ -65,6 +67,8 @@ _LENGTHS_PER_WIDTH = (0.25, 0.7, 2.0)
 _LONG_PER_WIDTH = 0.5
 """Length above which the base sees a part of the correlation, so that its deviation is raised in proportion."""
 _ROUGH_PER_WIDTH, ROUGH_LENGTH_PER_WIDTH = (0.0005, 0.003, 0.01), 0.07
+_CURVATURE_PER_SHAPE = 8.0
+"""Curvature of the whole base, times its width, over the shape's deviation."""
 LEVEL_PER_WIDTH = 0.1
 _OUTLINE_STD_PER_HEIGHT = 0.0015
 """Error of the gap along an outline of the contact."""
@@ -169,7 +173,7 @@ def hidden_part(
         rim.drop_at_m(places),
     )
     adjacent = near.patches[~under.may_be_hidden.ravel()[grid.index(near.patches)]]
-    side = clearances(adjacent, interface, pedestal)
+    side = _smoothed(clearances(adjacent, interface, pedestal))
     free_m = least_gap[grid.index(places[touching])]
     return HiddenPart(under, observed, width_m, len(inner), inspection, side, free_m, pedestal)
 
@@ -235,6 +239,16 @@ def _seen_rim(under: Underside, low: Array, lit: Array, height_m: float) -> Rim:
         drop,
         (np.abs(drop) / np.maximum(slope, 1e-9)),
     )
+
+
+def _smoothed(places: Array) -> Array:
+    """Places (k, 3) of a surface in the planes of their neighbours: the hull of noisy ones bulges, and topples late."""
+    if len(places) < _SMOOTHED_OVER:
+        return places
+    around = places[cKDTree(places).query(places, _SMOOTHED_OVER)[1]]
+    middle = around.mean(axis=1)
+    normal = np.linalg.svd(around - middle[:, None], full_matrices=False)[2][:, 2]
+    return places - ((places - middle) * normal).sum(axis=1)[:, None] * normal
 
 
 def _drop_below(places: Array, lit: Array) -> tuple[Array, Array, Array]:
@@ -393,6 +407,7 @@ def reliefs(width_m: float) -> list[Relief]:
             length * width_m,
             rough * width_m,
             ROUGH_LENGTH_PER_WIDTH * width_m,
+            _CURVATURE_PER_SHAPE * shape / width_m,
         )
         for shape, length, rough in product(_SHAPES_PER_WIDTH, _LENGTHS_PER_WIDTH, _ROUGH_PER_WIDTH)
     ]

@@ -13,8 +13,8 @@ from toppling.models.errors import InputError, refusals
 from toppling.models.files.table import Table, places_in
 from toppling.models.scan.hints_file import FLAT, KINDS, outside_cloud
 
-_LEAST_TOUCHES = 3
-"""Least number of contacts on which a rock stands."""
+LEAST_PLACES = 3
+"""Number of places that determine a plane: of an interface, or of contacts on which a rock stands."""
 _TOUCHES, _OPEN = ("touch", "contact", "1"), ("daylight", "open", "gap", "0")
 
 
@@ -68,12 +68,12 @@ class Inspection:
         InputError
             If a place lies outside, or the rock is said to touch nowhere, or everywhere and at single places only.
         """
-        if self.touch_only and len(self.touching_m) < _LEAST_TOUCHES:
+        if self.touch_only and len(self.touching_m) < LEAST_PLACES:
             raise InputError(
                 "base.too_few_touches",
                 f"{len(self.touching_m)} places are said to touch, and nothing else",
                 where="--touch-only",
-                expected=f"at least {_LEAST_TOUCHES} places, around the line of the weight, on which the rock stands",
+                expected=f"at least {LEAST_PLACES} places, around the line of the weight, on which the rock stands",
                 remedy="give the others by --touch or --contact, or leave --touch-only out",
             )
         if self.touch_only and self.base == FLAT:

@@ -12,6 +12,7 @@ from toppling.models.arrays import Array, Flags, Indices
 from toppling.models.pedestal import STEEP
 from toppling.models.scan.crevice import not_strays
 from toppling.models.scan.interface import SECTORS, sectors, widest_gap_deg
+from toppling.models.scan.surfels import NEIGHBOURS
 
 _RIMS_PER_HEIGHT, _ENOUGH = (0.06, 0.12, 0.24), 300
 """Heights over the interface up to which the seen underside shapes the hidden one: the first with so many points, as a
@@ -138,8 +139,8 @@ _LED_SHARE = 0.5
 """Share of the directions without a rim; in fewer, a side seen higher up is the limb of what was seen."""
 _HORIZONTAL = 0.3
 """Horizontal part of a normal below which it tells nothing of an outline."""
-_MOST_NORMALS, _NEIGHBOURS = 3000, 16
-"""Most points of a foot whose normals are taken, and the neighbours of each."""
+_MOST_NORMALS = 3000
+"""Maximum number of points of a rim whose normals are estimated."""
 SIDE_TANGENT = 3.0
 """Slope of the side that rises from a drawn outline, over the pedestal."""
 
@@ -347,7 +348,7 @@ def _radii(rim: _Rim, conic: _Conic | None, out: float, fullness: float) -> Arra
 def _normals(points_m: Array, middle_m: Array) -> Array:
     """Normals (k, 3) of planes through the neighbourhood of some of the points (n, 3), away from a middle (2,)."""
     some = points_m[:: max(1, len(points_m) // _MOST_NORMALS)]
-    near = some[cKDTree(some).query(some, min(_NEIGHBOURS, len(some)))[1]]
+    near = some[cKDTree(some).query(some, min(NEIGHBOURS, len(some)))[1]]
     off = near - near.mean(axis=1, keepdims=True)
     normals = np.linalg.eigh(np.einsum("kni,knj->kij", off, off))[1][:, :, 0]
     outward = (normals[:, :2] * (some[:, :2] - middle_m)).sum(axis=1)

@@ -42,7 +42,7 @@ from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.crevice import grid_triangles
 from toppling.models.scan.interface import Interface, between_nodes, lattice
 from toppling.models.scan.uncertainty import ObservedRock, spread_of
-from toppling.models.statics import equilibrium_possible
+from toppling.models.statics import CONTACT_SHARE_OF_HEIGHT, equilibrium_possible
 
 
 def observations(drawn: DrawnBases) -> list[dict[str, Any]]:
@@ -75,9 +75,6 @@ def _widths(toppling_m_s2: Array, weight: Array) -> Array:
 
 _AROUND_LATTICES = 12.0
 """Distance beyond the rim over which a rock is tipped on the surface."""
-
-_ROUNDING = 1e-6
-"""Share of the height within which a vertex lies in the base that closed the rock."""
 
 
 def _bases_on_surface(
@@ -114,7 +111,7 @@ def _base_vertices(rock: Rock, base: Base, interface: Interface, height_m: float
         over[:, :2], interface.lattice_m, lambda nodes: np.asarray(base.grid.at(base.height_m, nodes))
     )
     hidden = base.hidden.ravel()[base.grid.index(over)]
-    return np.flatnonzero(hidden & (np.abs(over[:, 2] - closed) < _ROUNDING * height_m))
+    return np.flatnonzero(hidden & (np.abs(over[:, 2] - closed) < CONTACT_SHARE_OF_HEIGHT * height_m))
 
 
 def _moved(vertices_m: Array, drawn: DrawnBases, gap_m: Array, interface: Interface) -> Array:

@@ -12,13 +12,12 @@ from scipy.spatial import cKDTree
 
 from toppling.models.arrays import Array, Flags, Indices, bounds_of, distinct, inside_cylinder
 from toppling.models.scan.interface import SECTORS, Interface, fitted_plane, sectors
-from toppling.models.scan.surfels import LEVEL, Surfels, orient, thin
+from toppling.models.scan.surfels import LEVEL, SAMPLED_POINTS, Surfels, orient, thin
 from toppling.models.shapes import joined_parts
 
 _COARSE_SURFELS = 25_000
 LEAST_PEAK_VOXELS = 6
 """A peak lower than this many coarse voxels is roughness."""
-_SAMPLED_POINTS = 2_000_000
 _ZOOMED = 3
 _ZOOMED_SHARE = 0.4
 """Number of the highest candidates, and their least height over the highest one's, that are resampled from near by."""
@@ -94,7 +93,7 @@ class Candidate:
 
 def surfels_of(points_m: Array, finest_m: float = 0.0) -> Surfels:
     """Thin a cloud to about `_COARSE_SURFELS` patches, or fewer where its points or `finest_m` give no more."""
-    sample = points_m[:: max(1, len(points_m) // _SAMPLED_POINTS)]
+    sample = points_m[:: max(1, len(points_m) // SAMPLED_POINTS)]
     voxel = max(float(np.diff(bounds_of(sample), axis=0).max()) / 150, finest_m)
     thinned, _ = thin(sample, voxel)
     for _ in range(6):
@@ -203,7 +202,7 @@ def _seen_near_by(points_m: Array, cuts: list[Candidate]) -> tuple[Candidate, li
         axis, height, coarse_m = rock[:, :2].mean(axis=0), cuts[0].height_m, cuts[0].surfels.voxel_m
         reach = np.hypot(*(rock[:, :2] - axis).T).max() + _BESIDE_HEIGHTS * height
         around = inside_cylinder(points_m, axis, reach, rock[:, 2].min() - _BESIDE_HEIGHTS * height)
-        around = around[:: max(1, len(around) // _SAMPLED_POINTS)]
+        around = around[:: max(1, len(around) // SAMPLED_POINTS)]
         surfels = surfels_of(points_m[around], height / _FINEST_VOXELS_PER_HEIGHT)
         if surfels.voxel_m > 0.9 * coarse_m:
             break  # nothing to be seen that was not seen before

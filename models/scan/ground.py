@@ -30,7 +30,7 @@ _REACH_HEIGHTS = 0.6
 has left its support by half its height is falling, whatever it meets."""
 _CELLS_PER_HEIGHT = 60
 _LEVEL_PER_HEIGHT = 0.003
-"""Distance from the interface up to which ground is level, where it is met as a surface."""
+"""Distance from a plane up to which a surface is that plane at any normals: bumps rise as high."""
 
 
 _MEDIAN_OF = 13
@@ -202,8 +202,6 @@ _NARROW_PER_HEIGHT = 0.05
 """Distance of patches that tell a bent surface: what lies farther off may bend otherwise."""
 _LEAST_PATCHES, _LEAST_RIM = 60, 12
 """Fewest patches of the ring, and of the rock's rim: four small feet show few."""
-_NEAR_PER_HEIGHT = 0.003
-"""Distance from a plane, over the rock's height, up to which a surface is it at any normals: bumps rise as high."""
 _LEAST_BEND_DEG = 3.0
 """Facets that differ by less, and curves whose rim slopes by less, are one plane."""
 _FACET_PER_HEIGHT = 0.004
@@ -265,8 +263,8 @@ def _is_single_plane(found: Sheet, below: Array, over: Array, height_m: float) -
     """Whether heights (n,) of a surface at places (n, 2) below a rock, and its normals there, are those of a plane."""
     plane, step = _fitted(np.column_stack([below, over])), 1e-3 * height_m
     off = np.abs(_heights(plane, below) - over).max() / height_m
-    if off <= _NEAR_PER_HEIGHT or off > FLAT_SHARE:
-        return bool(off <= _NEAR_PER_HEIGHT)
+    if off <= _LEVEL_PER_HEIGHT or off > FLAT_SHARE:
+        return bool(off <= _LEVEL_PER_HEIGHT)
     rises = [found.at(below + step * axis) - found.at(below - step * axis) for axis in np.eye(2)]
     normals = np.column_stack([-rises[0], -rises[1], np.full(len(below), 2.0 * step)])
     cosine = normals @ _normal(plane) / np.linalg.norm(normals, axis=1)

@@ -105,8 +105,8 @@ def lattice(sheet: Sheet, low_m: Array, high_m: Array) -> Array:
 
 _CREVICE_VOXELS = (4.0, 8.0, 16.0, 32.0)
 """Distances, in widths of a patch, of the pedestal's patches from the rock's: the first with enough of them counts."""
-_LEAST_CREVICE_SURFELS, _LEAST_SECTORS = 30, 6
-"""Patches that tell a plane, and directions of ten degrees in which they lie."""
+LEAST_SEEN, _LEAST_SECTORS = 30, 6
+"""Minimum number of patches or points that are no strays, and of directions, by ten degrees, in which they lie."""
 UPWARD = 0.3
 """Upward part of a normal from which on a patch may carry a rock."""
 _TRIPLES, _DRAWN_AWAY, _STRAY = 500, 3.0, 7.0
@@ -199,13 +199,13 @@ def _lining(surfels: Surfels, rock: Flags) -> Flags:
     sector = np.floor(np.arctan2(offset[:, 1], offset[:, 0]) / np.deg2rad(10.0))
     for reach in _CREVICE_VOXELS:
         near = top & (distance < reach * surfels.voxel_m)
-        if near.sum() >= _LEAST_CREVICE_SURFELS and len(np.unique(sector[near])) >= _LEAST_SECTORS:
+        if near.sum() >= LEAST_SEEN and len(np.unique(sector[near])) >= _LEAST_SECTORS:
             return np.asarray(near)
     raise InputError(
         "scan.no_pedestal",
         f"only {int(near.sum())} patches of the pedestal's top were seen about the rock",
         where="interface",
-        expected=f"at least {_LEAST_CREVICE_SURFELS} patches of {surfels.voxel_m:.3g} m at its foot",
+        expected=f"at least {LEAST_SEEN} patches of {surfels.voxel_m:.3g} m at its foot",
         remedy="scan the crevice from nearer and from more sides, or, where the pedestal is hardly wider than the "
         "rock, say where the two meet by three places --point X,Y,Z around the contact; a rock that a neck "
         "attaches to its pedestal does not topple as a free block",

@@ -21,9 +21,7 @@ UPWARD_Y = (".glb", ".gltf")
 _POINTS_PER_TRIANGLE, FEWEST, _MOST = 4, 1_000_000, 4_000_000
 """Points on a mesh: half of them spread evenly over its area, half over its triangles, so where it has its detail."""
 _WIDEST, _NARROWEST = 200.0, 0.3
-"""Extents of a mesh whose file states no unit, beyond which it is hardly a rock and its ground in metres."""
-_SITE_M = (0.5, 100.0)
-"""Extents of a rock with its ground, by which units are guessed."""
+"""Extents, in metres, beyond which a mesh is hardly a rock and its ground: other units are likelier."""
 _OPEN_SHARE = 0.05
 """Share of a mesh's area: with less left over it is closed, and no opening shows where up is."""
 _TILTED_DEG, _NEAR_AXIS_DEG = 45.0, 25.0
@@ -139,7 +137,7 @@ def _sized(vertices: Array) -> tuple[str, str] | None:
             "--length P Q METRES",
         )
     sizes = {unit: size * METRES[unit] for unit in ("mm", "cm", "in", "ft")}
-    likely = {unit: wide for unit, wide in sizes.items() if _SITE_M[0] <= wide <= _SITE_M[1]}
+    likely = {unit: wide for unit, wide in sizes.items() if _NARROWEST <= wide <= _WIDEST}
     looks = " or ".join(f"{NAMES[unit]} ({wide:.3g} m)" for unit, wide in likely.items())
     what = f"it looks like {looks or 'another unit than metres'}: it is {size:.5g} wide"
     return what, f"--units {'|'.join(likely) or 'UNIT'}"

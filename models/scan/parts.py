@@ -13,16 +13,16 @@ from scipy.spatial import cKDTree
 
 from toppling.models.arrays import Array, Flags
 from toppling.models.errors import InputError
+from toppling.models.files.documents import MOST_SHOWN
 from toppling.models.files.guarded import read_guarded
 from toppling.models.files.mesh_files import read_vertices
-from toppling.models.scan.crevice import LEAST_SEEN
+from toppling.models.scan.interface import LEAST_SEEN
 from toppling.models.scan.meshes import is_mesh
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK, Segmentation, label_surfels, patches_around
 
 _CLASSES = ("classification", "class", "label", "segment")
 """Names that a PLY's scalar has which says what a point is of, alone or after "scalar_"."""
-_SHOWN = 12
 _APART_PER_HEIGHT = 0.05
 """Farther from its pedestal a rock shows no crevice."""
 
@@ -121,7 +121,8 @@ def _has_values(path: Path, part: Part, points: int) -> Flags:
     mask = np.isin(found, part.values)
     if not mask.any():
         values, count = np.unique(found, return_counts=True)
-        there = ", ".join(f"{value:g} ({n})" for value, n in list(zip(values, count, strict=True))[:_SHOWN])
+        most = zip(values[:MOST_SHOWN], count[:MOST_SHOWN], strict=True)
+        there = ", ".join(f"{value:g} ({n})" for value, n in most)
         raise InputError(
             "parts.class_empty",
             f"no point has the value {', '.join(f'{number:g}' for number in part.values)}",

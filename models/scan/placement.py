@@ -329,10 +329,8 @@ _SYSTEMS = (
 )
 _WKT = re.compile(rf"\b(?:{_SYSTEMS})\s*[\[(].*", re.DOTALL)
 _CODE = re.compile(r"\bEPSG\s*:+\s*(\d{4,6})\b", re.IGNORECASE)
-_GEO_DOUBLES = 34736
-_MODEL, _GEOGRAPHIC_CODE, _PROJECTED_CODE = 1024, 2048, 3072
 _LINEAR_UNIT, _LINEAR_SIZE, _VERTICAL_CODE, _VERTICAL_UNIT = 3076, 3077, 4096, 4099
-_PROJECTED_MODEL, _GEOGRAPHIC_MODEL, _GEOCENTRIC_MODEL = 1, 2, 3
+_GEOCENTRIC_MODEL = 3
 _USER_DEFINED = 32767
 
 Reference = dict[str, Any]
@@ -401,13 +399,16 @@ def of_geo_keys(keys: bytes, doubles: bytes, where: str) -> Reference | None:
 
     Raises InputError as of `of_wkt`.
     """
-    values = _keys(keys, doubles)
-    model = values.get(_MODEL, _PROJECTED_MODEL if _PROJECTED_CODE in values else None)
-    if model == _GEOGRAPHIC_MODEL or (model is None and _GEOGRAPHIC_CODE in values):
-        raise in_degrees(f"GeoTIFF key {_MODEL} is {_GEOGRAPHIC_MODEL}, geographic", where)
+    from laspy.vlrs import geotiff
+
+    values, projected = _keys(keys, doubles), geotiff.ProjectedCSTypeGeoKey.id
+    usual = geotiff.ModelTypeProjected if projected in values else None
+    model = values.get(geotiff.GTModelTypeGeoKey.id, usual)
+    if model == geotiff.ModelTypeGeographic or (model is None and geotiff.GeographicTypeGeoKey.id in values):
+        raise in_degrees("GeoTIFF's keys state a geographic system", where)
     if model == _GEOCENTRIC_MODEL:
         raise _geocentric(where)
-    code = values.get(_PROJECTED_CODE, _USER_DEFINED)
+    code = values.get(projected, _USER_DEFINED)
     plane = _of_code(int(code), where) if 0 < code < _USER_DEFINED else None
     across = _unit(values, _LINEAR_UNIT, values.get(_LINEAR_SIZE), where)
     up = _unit(values, _VERTICAL_UNIT, None, where)
@@ -493,6 +494,8 @@ def _unit_name(across: float, up: float) -> str:
 
 def _keys(keys: bytes, doubles: bytes) -> dict[int, float]:
     """Numbers of GeoTIFF's keys."""
+    from laspy.vlrs.known import GeoDoubleParamsVlr
+
     words = struct.unpack(f"<{len(keys) // 2}H", keys[: len(keys) // 2 * 2])
     numbers = struct.unpack(f"<{len(doubles) // 8}d", doubles[: len(doubles) // 8 * 8])
     values: dict[int, float] = {}
@@ -500,7 +503,7 @@ def _keys(keys: bytes, doubles: bytes) -> dict[int, float]:
         key, place, count, value = words[at : at + 4]
         if place == 0:
             values[key] = value
-        elif place == _GEO_DOUBLES and count >= 1 and value < len(numbers):
+        elif (place,) == GeoDoubleParamsVlr.official_record_ids() and count >= 1 and value < len(numbers):
             values[key] = numbers[value]
     return values
 

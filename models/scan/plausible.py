@@ -121,13 +121,11 @@ _DEGREES_PER_HEIGHT = 1e-3
 
 _EARTH_AXES_M = np.array([6378137.0, 6378137.0, 6356752.3])
 """Half axes of the ellipsoid WGS 84."""
-_FROM_ELLIPSOID_M = 12_000.0
-"""Dry land lies nearer to it."""
 _NO_DATA = (-9999.0, -99999.0, -32768.0)
 """Numbers that stand for none, and a size that no coordinate on Earth has in any unit."""
 _NO_COORDINATE = 1e12
 _NO_HEIGHT_M = 9_000.0
-"""No height of a survey is larger: z is none."""
+"""Largest height of dry land over the ellipsoid, rounded up."""
 
 
 def check_points(points: Array, path: Path, left_out: Mapping[str, int], scale: tuple[float, float]) -> None:
@@ -232,7 +230,7 @@ def is_geocentric(points_m: Array) -> bool:
     """Whether points (n, 3), metres, lie on the Earth about its centre: z points to the pole, and is no height."""
     place = _middle(points_m)
     from_ellipsoid_m = (np.linalg.norm(place / _EARTH_AXES_M) - 1.0) * _EARTH_AXES_M[0]
-    return bool(abs(place[2]) > _NO_HEIGHT_M and abs(from_ellipsoid_m) < _FROM_ELLIPSOID_M)
+    return bool(abs(place[2]) > _NO_HEIGHT_M and abs(from_ellipsoid_m) < _NO_HEIGHT_M)
 
 
 def _middle(points_m: Array) -> Array:

@@ -43,10 +43,6 @@ _GUARDED = {".las": _LAS, ".laz": _LAS, ".e57": ("e57", ["pye57"]), ".pcd": ("pc
 """Formats that libraries read in C++ and Rust: the reader in `models.scan.binary`, and its libraries."""
 
 
-_UNIT_TOLERANCE = 1e-5
-"""Relative difference of units that are one and the same for a rock: the two feet differ by 2e-6."""
-
-
 _unreadable = refusals(
     expected=f"a point cloud ({', '.join(FORMATS)}) or a mesh ({', '.join(MESH_FORMATS)})",
     remedy="check the path, or export the cloud again as LAZ, PLY or XYZ in metres",
@@ -295,7 +291,8 @@ def _unit_of(read: _Read, asked: _Stated) -> tuple[tuple[float, float], str, str
         given, name = (across, up), f"{asked.system['name']} ({asked.system['unit']})"
         option = f"--crs: {name}"
     if given is not None and option is not None:
-        differs = stated is not None and not np.allclose(given, stated, rtol=_UNIT_TOLERANCE, atol=0.0)
+        # The two feet, which are one for a rock, differ by 2e-6.
+        differs = stated is not None and not np.allclose(given, stated, atol=0.0)
         other = asked.system is not None and read.reference is not None and read.reference["epsg"]
         differs |= bool(other) and asked.system is not None and other != asked.system["epsg"]
         return given, option, f"read in {name}, though it says {by}" if differs else ""

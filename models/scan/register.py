@@ -18,16 +18,13 @@ from toppling.models.lengths import METRES, NAMES
 from toppling.models.scan import o3d
 from toppling.models.scan.plausible import MINIMUM_POINTS
 from toppling.models.scan.read import Cloud
+from toppling.models.scan.surfels import FEW_SAMPLED, SAMPLED
 
 _OVERLAP_SHARE = 0.02
 """Points of two stations this near, in sizes of a cloud, show the same place."""
 _LEAST_OVERLAP, _LEAST_IN_FILE = 0.05, 0.005
 """Share of a file's points, and of one of its stations', that must show a place that another one shows too: strips of
 a flight may lie side by side."""
-_SAMPLED_POINTS, _SAMPLED_OF_STATION = 20_000, 5_000
-"""Points of a file, and of a station, that are compared."""
-_LEAST_SHARE = 0.01
-"""A station with fewer of its file's points changes nothing."""
 _LENGTHS_M = {NAMES[unit]: METRES[unit] for unit in ("ft", "in", "cm", "mm")}
 _FITS_BETTER = 0.2
 """Share of the points that conversion must bring into place to give a file away; known ones gain 0.25 or more."""
@@ -50,7 +47,7 @@ def check_overlap(cloud: Cloud) -> None:
     ends = np.cumsum([points for _, points in cloud.files])
     parts = np.split(cloud.points_m, ends[:-1])
     if len(parts) > 1:
-        names, samples = [name for name, _ in cloud.files], [_some(part, _SAMPLED_POINTS) for part in parts]
+        names, samples = [name for name, _ in cloud.files], [_some(part, SAMPLED) for part in parts]
         _check(names, samples, cloud.origin_m, _LEAST_OVERLAP)
     names, samples = _stations(cloud)
     if len(samples) > len(parts):
@@ -81,11 +78,11 @@ def _stations(cloud: Cloud) -> tuple[list[str], list[Array]]:
         sizes = np.bincount(station)
         numbers = np.flatnonzero(sizes)
         for place, number in enumerate(numbers):
-            if sizes[number] < _LEAST_SHARE * count:
+            if sizes[number] < MINIMUM_POINTS:
                 continue
             names.append(name + (f", station {place + 1} of {len(numbers)}" if len(numbers) > 1 else ""))
             rows = start + np.flatnonzero(station == number)
-            samples.append(cloud.points_m[_some(rows, _SAMPLED_OF_STATION)])
+            samples.append(cloud.points_m[_some(rows, FEW_SAMPLED)])
         start += count
     return names, samples
 
@@ -171,7 +168,7 @@ def _near(points: Array, others: Array, reach_m: float) -> float:
 _TOLERATED = 0.4
 """Share of copies below which they stay: coordinates in steps as wide as the points' spacing make a fifth of the points
 copies, and patches of a surface are judged by how many points they have."""
-_SAMPLED, _ENOUGH = np.uint64(32), 20_000
+_ONE_IN = np.uint64(32)
 """One key in so many tells the share of copies, where there are enough: sorting all takes seconds."""
 _MIXERS = (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB)
 """Odd factors that spread the bits of a coordinate (Steele, Lea and Flood 2014)."""
@@ -186,8 +183,8 @@ def copies(points_m: Array) -> Flags | None:
     [False, False, True, True]
     """
     keys = _keys(points_m)
-    some = keys[keys % _SAMPLED == 0]  # copies of one point have one key: all or none of them
-    if len(some) > _ENOUGH and _share(some) < 0.5 * _TOLERATED:
+    some = keys[keys % _ONE_IN == 0]  # copies of one point have one key: all or none of them
+    if len(some) > SAMPLED and _share(some) < 0.5 * _TOLERATED:
         return None
     if _share(keys) < _TOLERATED:
         return None

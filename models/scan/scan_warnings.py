@@ -29,20 +29,20 @@ from toppling.models.scan.interface import (
 )
 from toppling.models.scan.interface_hint import OFF_PER_HEIGHT
 from toppling.models.scan.segment import ROCK
-from toppling.models.scan.surfels import scene_of_rays
+from toppling.models.scan.surfels import SAMPLED, scene_of_rays
 from toppling.models.scan.uncertainty import ObservedRock
 from toppling.models.shapes import joined_parts
+from toppling.models.smooth_mesh import CREASE_DEG
 
 _MOST_INVENTED = 0.6
 """Share of the surface; with more of it invented known volumes came out off by half."""
-_ONE_SIDE_DEG = 120.0
-"""Width of the range of directions without any side of the rock from which it was seen from one side."""
 _UPRIGHT = 0.7
 """Sine of the dip above which a patch belongs to a side."""
-_UNSEEN_RIM_DEG = 130.0
-"""Width from which an unseen range of the rim is a warning: feet that carry a rock lie less than 180 degrees apart."""
-_MEET_VOXELS, _CREASE_DEG = 4.0, 30.0
-"""Patches of rock and pedestal so near to each other meet; at less than the angle one surface goes on in the other."""
+_UNSEEN_DEG = 130.0
+"""Width from which an unseen range of the rim or the sides is reported: feet of a rock lie less than 180 degrees
+apart."""
+_MEET_VOXELS = 4.0
+"""Patches of rock and pedestal so near to each other meet."""
 _CREASED_SHARE = 0.5
 """Share of the rim that was seen along which a crease must show."""
 _TOUCHES_ABOVE = 0.2
@@ -51,8 +51,6 @@ _OFF_SURFACE = 0.3
 """Widths of a patch by which half of the seen points may lie off the surface: noise is a tenth of it."""
 _LEFT_OVER = 2.0
 """Widths of a patch off the closed surface from which on a patch is none of it."""
-_SAMPLE = 20_000
-"""Points that tell how far they lie off the surface."""
 
 
 def warnings_of(
@@ -84,7 +82,7 @@ def warnings_of(
         _contact(observed, interface),
         off_hint(observed, interface, origin_m),
         _off_surface(
-            closed.rock, points_m[at_most(np.flatnonzero(label == ROCK), _SAMPLE)], observed.surfels.voxel_m
+            closed.rock, points_m[at_most(np.flatnonzero(label == ROCK), SAMPLED)], observed.surfels.voxel_m
         ),
         unseen_rim(observed, interface, closed.rock.com_m),
     ]
@@ -103,7 +101,7 @@ def check_seen_enough(observed: ObservedRock, interface: Interface, closed: Clos
         return
     blind_deg, toward_deg = unseen_range(observed, interface)
     share = f"{closed.invented_share:.0%} of the rock's surface was not seen"
-    if blind_deg >= _ONE_SIDE_DEG:
+    if blind_deg >= _UNSEEN_DEG:
         share = (
             f"one side is not enough: {share}, none of its sides over {blind_deg:.0f} degrees about "
             f"{quadrant_of(toward_deg)}"
@@ -142,7 +140,7 @@ def _creased_share(observed: ObservedRock, interface: Interface) -> float | None
     sector = sectors(flat[low][meet, :2] - middle(flat[low]))
     # Normals of patches at the very crease are between those of its two sides.
     median_deg = [np.median(angle[sector == k]) for k in np.unique(sector)]
-    return float((np.array(median_deg) > _CREASE_DEG).mean())
+    return float((np.array(median_deg) > CREASE_DEG).mean())
 
 
 def _contact(observed: ObservedRock, interface: Interface) -> ScanWarning | None:
@@ -262,7 +260,7 @@ def unseen_rim(observed: ObservedRock, interface: Interface, com_m: Array) -> Sc
         return None
     places = interface.over(observed.low_m)[:, :2] - interface.projected_m(com_m[None])[0]
     range_deg, toward_deg = widest_gap_deg(np.unique(sectors(places)))
-    if range_deg < _UNSEEN_RIM_DEG:
+    if range_deg < _UNSEEN_DEG:
         return None
     toward = bearing_text(horizontal_unit_vector(toward_deg)[:2], interface)
     return ScanWarning(

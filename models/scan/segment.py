@@ -25,7 +25,7 @@ from toppling.models.scan.candidates import (
 )
 from toppling.models.scan.interface import Interface, fitted_plane
 from toppling.models.scan.interface_hint import InterfaceHint
-from toppling.models.scan.surfels import LEVEL, Surfels, orient, roughness, thin
+from toppling.models.scan.surfels import FEW_SAMPLED, LEVEL, Surfels, orient, roughness, thin
 from toppling.models.shapes import joined_parts
 
 _RIVAL_SHARE = 0.6
@@ -156,7 +156,6 @@ def _tops(candidates: list[Candidate], origin_m: Array) -> str:
     )
 
 
-_SAMPLE = 5_000
 _THICK = 0.18
 """Thickness over width of the median patch: noise of 0.01 of the relief makes it 0.13, of 0.015 0.23."""
 _WIDTH_VOXELS = 1.1
@@ -190,7 +189,7 @@ def with_reason(error: InputError, points_m: Array) -> InputError:
 
 def _without_relief(points_m: Array) -> InputError | None:
     """The refusal of a wall, a floor or a slope: nothing stands out of its plane but noise."""
-    every = at_most(points_m, _SAMPLE)
+    every = at_most(points_m, FEW_SAMPLED)
     plane = fitted_plane(every)
     off_m = np.abs((points_m - plane.point_m) @ plane.normal)
     noise_m = 1.4826 * float(np.median(off_m))

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from toppling.models.arrays import Array, Flags, Indices, at_most, bounds_of, inside_box, numbered
 from toppling.models.scan import o3d
 
-_NEIGHBOURS = 16
+NEIGHBOURS = 16
 """Patches that a local plane is fitted to: two rings around one."""
 _ESCAPE_DIRECTIONS, _SKY_FROM = 24, -0.15
 """Rays from a patch, and the least upward part of those to the sky."""
@@ -111,7 +111,7 @@ def scene_of_rays(*meshes: tuple[Array, Indices]) -> Any:
 def _local_planes(points_m: Array) -> tuple[Array, Array]:
     """Normals, either way, of planes through the neighbourhoods, and how thick these are over their width."""
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points_m))
-    cloud.estimate_covariances(o3d.geometry.KDTreeSearchParamKNN(_NEIGHBOURS))
+    cloud.estimate_covariances(o3d.geometry.KDTreeSearchParamKNN(NEIGHBOURS))
     variance, axes = np.linalg.eigh(np.asarray(cloud.covariances))
     thickness = np.sqrt(np.maximum(variance[:, 0], 0.0) / np.maximum(variance[:, 1], 1e-30))
     return axes[:, :, 0], thickness
@@ -187,16 +187,16 @@ def _agreed(points_m: Array, normals: Array, vote: Array, voxel_m: float) -> Arr
     return vote
 
 
+SAMPLED, FEW_SAMPLED = 20_000, 5_000
+"""Number of points that represent a cloud's shares to within a percent, and its quantiles to within a few."""
 SHOWN_POINTS = 200_000
 """Points that the graphics of a laptop turn without a pause."""
 SAMPLED_POINTS = 2_000_000
 """More tell a screen no more."""
 _LEAST_SHARE = 0.75
 """Least share of the points that may be shown."""
-_SPACINGS, _COVERED_SHARE = 5000, 0.8
-"""Points of which spacings are taken, and the share of them that is no farther apart."""
-_SHADING_NEIGHBOURS = 12
-"""Points by whose plane one is shaded."""
+_COVERED_SHARE = 0.8
+"""Share of the points that are no farther apart than a cloud's spacing."""
 LIGHT = np.array([-0.45, -0.6, 0.66])
 """Direction toward the light, from the upper left of one who looks north."""
 _DARKEST = 0.35
@@ -241,7 +241,7 @@ def thinned(points_m: Array, most: int = SHOWN_POINTS, among: Indices | None = N
 
 def _spacing(points_m: Array) -> float:
     """Distance of the fourth neighbour of most points: what a point has to cover so that a surface looks closed."""
-    some = points_m[:: max(1, len(points_m) // _SPACINGS)]
+    some = points_m[:: max(1, len(points_m) // FEW_SAMPLED)]
     neighbour = min(4, len(points_m) - 1)
     return float(np.quantile(cKDTree(points_m).query(some, neighbour + 1)[0][:, -1], _COVERED_SHARE))
 
@@ -261,7 +261,7 @@ def shade(points_m: Array, rock: Flags | None = None) -> Array:
         Points whose surface faces away from their middle; that of the others faces upward.
     """
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points_m))
-    cloud.estimate_normals(o3d.geometry.KDTreeSearchParamKNN(_SHADING_NEIGHBOURS))
+    cloud.estimate_normals(o3d.geometry.KDTreeSearchParamKNN(NEIGHBOURS))
     normals = np.asarray(cloud.normals)
     outward = normals[:, 2].copy()
     if rock is not None and rock.any():

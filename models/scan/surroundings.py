@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +16,7 @@ from toppling.models.arrays import Array, Flags, Indices
 from toppling.models.frames import quadrant_of
 from toppling.models.pedestal import STEEP
 from toppling.models.scan import o3d
-from toppling.models.scan.interface import SECTORS, Interface
+from toppling.models.scan.interface import LEAST_SEEN, SECTORS, Interface
 from toppling.models.scan.surfels import Surfels, in_plants, scene_of_rays
 from toppling.models.shapes import joined_parts
 
@@ -23,14 +24,10 @@ CELL_PER_HEIGHT = 0.03
 """Cells in which the rock's way is noted; what is a cell away from it is reached, as the rock slides a little too."""
 TILTS_DEG = np.arange(0.0, 54.0, 1.5)
 """Tilts that are looked at; beyond them the rock has fallen, and nothing catches it."""
-_BASE_PER_HEIGHT = 0.06
-"""Height below which the rock may tip over a place."""
-_ABOVE_PER_HEIGHT = 0.05
-"""Height below which surroundings are the ground's relief."""
+_RELIEF_PER_HEIGHT = 0.05
+"""Height of the ground's relief: the rock may tip over places below it, and surroundings rise above it."""
 _TOUCHING_VOXELS = 4.0
 """Distance from the rock within which a thick neighbourhood is both sides of a crevice, and not a plant."""
-_LEAST_PATCHES = 25
-"""Least number of patches in reach that are no strays: an area of .05 by .05 of the height."""
 _HIGHEST_GROUND_PER_HEIGHT = 0.25
 _FROM_PER_HEIGHT = -0.02
 """The mesh begins so far from the interface."""
@@ -49,8 +46,8 @@ _WITHIN, _CORNERS = 0.99, 5.0
 """Share of the places that lie within the error, and how many times it the others, at corners, may."""
 _OF_ENDS = 0.1
 """Share of the way along a surface to where it ends that counts as an error."""
-_JOINED_PER_HEIGHT, _HALVINGS = 0.25, 10
-"""Triangles so wide are joined at first, and of half the width until the surface stays."""
+_JOINED_PER_HEIGHT = 0.25
+"""Width of triangles that are joined at first; it is halved down to the error until the surface stays."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,8 +83,8 @@ def in_reach(surfels: Surfels, rock: Flags, pedestal: Flags, interface: Interfac
     own = interface.over(surfels.points_m[rock])
     own = own[np.unique(np.floor(own / (0.7 * cell)), axis=0, return_index=True)[1]]
     other = interface.over(surfels.points_m)
-    high = pedestal & (other[:, 2] > _ABOVE_PER_HEIGHT * height_m)
-    bottom = own[own[:, 2] < _BASE_PER_HEIGHT * height_m]
+    high = pedestal & (other[:, 2] > _RELIEF_PER_HEIGHT * height_m)
+    bottom = own[own[:, 2] < _RELIEF_PER_HEIGHT * height_m]
     found = np.zeros(len(rock), bool)
     if not high.any() or len(bottom) < 3:
         return found
@@ -107,7 +104,7 @@ def in_reach(surfels: Surfels, rock: Flags, pedestal: Flags, interface: Interfac
         swept[tuple((near + np.array(step) - 1).T)] = True
     place = np.floor(other[high] / cell).astype(int) - first
     found[high] = swept[tuple(place.T)]
-    return found if found.sum() >= _LEAST_PATCHES else np.zeros(len(rock), bool)
+    return found if found.sum() >= LEAST_SEEN else np.zeros(len(rock), bool)
 
 
 def is_ground(flat: Array, normals: Array, interface: Interface, height_m: float) -> Flags:
@@ -134,8 +131,8 @@ def surroundings_met(
     shown = pedestal & (away < 2.0 * CELL_PER_HEIGHT * height_m) & (flat[:, 2] > 0.0)
     shown &= ~is_ground(flat, surfels.normals, interface, height_m)
     shown &= ~_goes_on(surfels, rock, shown)
-    shown[shown] = np.bincount(sheet := _sheets(surfels, shown))[sheet] >= _LEAST_PATCHES
-    return shown if (shown & reached).sum() >= _LEAST_PATCHES else np.zeros_like(shown)
+    shown[shown] = np.bincount(sheet := _sheets(surfels, shown))[sheet] >= LEAST_SEEN
+    return shown if (shown & reached).sum() >= LEAST_SEEN else np.zeros_like(shown)
 
 
 def mesh_surroundings(
@@ -220,7 +217,8 @@ def few_triangles(vertices_m: Array, faces: Indices, height_m: float) -> tuple[A
     )
     error_m = _ERROR_PER_HEIGHT * height_m
     # What Open3D bounds is an area times a squared distance, of an area that grows as triangles are joined.
-    for width_m in _JOINED_PER_HEIGHT * height_m * 0.5 ** np.arange(_HALVINGS):
+    halvings = np.arange(math.log2(_JOINED_PER_HEIGHT / _ERROR_PER_HEIGHT))
+    for width_m in _JOINED_PER_HEIGHT * height_m * 0.5**halvings:
         mesh = whole.simplify_quadric_decimation(1, (error_m * width_m) ** 2, 1.0)
         off_m = np.append(_off_m(whole, mesh), _off_m(mesh, whole))
         if np.quantile(off_m, _WITHIN) <= error_m and off_m.max() <= _CORNERS * error_m:

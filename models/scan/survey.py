@@ -30,7 +30,7 @@ from toppling.models.scan.close import SHARES, ClosedRock, close_rock
 from toppling.models.scan.crevice import check_seen, judge_crevice
 from toppling.models.scan.ground import Ground, level_surface, pedestal_ground, pedestal_surface
 from toppling.models.scan.hints_file import outside_cloud
-from toppling.models.scan.interface import Interface, Sheet, fit_interface
+from toppling.models.scan.interface import UPWARD, Interface, Sheet, fit_interface
 from toppling.models.scan.interface_hint import InterfaceHint, check_near, points_text, seen_about_points
 from toppling.models.scan.meshes import Mesh
 from toppling.models.scan.parts import as_labelled
@@ -50,7 +50,7 @@ from toppling.models.scan.segment import (
     with_reason,
     without_ground,
 )
-from toppling.models.scan.surfels import Surfels
+from toppling.models.scan.surfels import SAMPLED_POINTS, Surfels
 from toppling.models.scan.surroundings import mesh_surroundings, surroundings_met
 from toppling.models.scan.uncertainty import ObservedRock, check_above, slenderness, spread_of
 from toppling.models.scene import Scene
@@ -249,12 +249,8 @@ Progress = Callable[[str], None]
 
 STAGES = 6
 OUTLINES = "contacts.geojson"
-_UPWARD = 0.3
-"""Cosine to a given interface's normal above which a patch of the pedestal can carry a rock."""
 _BESIDE_PER_HEIGHT, _UNDERSIDE_PER_HEIGHT = 0.1, 0.25
 """Heights over the interface up to which points of the pedestal, and of the rock, tell about it and the base."""
-_BESIDE_POINTS = 1_000_000
-"""More of rock or pedestal tell no more: they lie closer than the cells in which the base is made."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -445,7 +441,7 @@ def _seen(cloud: Cloud, parts: Segmentation, hint: InterfaceHint | None, interfa
     if interface.sheet is None and in_reach.any():
         interface = level_surface(surfels, rock, height, interface)
     if hint is not None:
-        top = pedestal & (surfels.normals @ interface.normal > _UPWARD)
+        top = pedestal & (surfels.normals @ interface.normal > UPWARD)
         top &= np.abs(interface.over(surfels.points_m)[:, 2]) < _BESIDE_PER_HEIGHT * height
         check_seen(int(top.sum()), "pedestal's top", given=True)
     standing, below = _near_interface(cloud.points_m, label, interface, height)
@@ -461,12 +457,12 @@ def _near_interface(
     over = interface.height_m(points_m)
     rock = np.flatnonzero((label == ROCK) & (over < _UNDERSIDE_PER_HEIGHT * height_m))
     level = np.flatnonzero((label == PEDESTAL) & (np.abs(over) < _BESIDE_PER_HEIGHT * height_m))
-    standing, below = points_m[at_most(rock, _BESIDE_POINTS)], points_m[level]
+    standing, below = points_m[at_most(rock, SAMPLED_POINTS)], points_m[level]
     if len(standing):
         margin = 2.0 * _BESIDE_PER_HEIGHT * height_m
         low, high = bounds_of(standing[:, :2])
         below = below[inside_box(below[:, :2], low - margin, high + margin)]
-    return standing, at_most(below, _BESIDE_POINTS)
+    return standing, at_most(below, SAMPLED_POINTS)
 
 
 def _surface_report(

@@ -19,7 +19,7 @@ from toppling.models.errors import InputError, refusals
 from toppling.models.files.given import check_lines, open_given
 from toppling.models.files.table import Table, is_number
 from toppling.models.lengths import in_degrees
-from toppling.models.scan.plausible import coordinate_steps, is_geocentric
+from toppling.models.scan.plausible import MINIMUM_POINTS, coordinate_steps, is_geocentric
 
 _AXES = {
     "x": ("x", "easting", "east", "e"),
@@ -191,8 +191,6 @@ _EASTINGS_M = (1e5, 1e6)
 """Range of all eastings of UTM; northings lie beyond it nearly everywhere."""
 _NORTHINGS_BELOW_M = 1e7
 _HEAD_LINES, _LOOKED_AT, _MOST_COLUMNS = 20, 2000, 24
-_NUMBERED = 100
-"""Number of evenly rising values from which on a column numbers the points and is no coordinate."""
 _EVEN = 1e-3
 _ENDS = "\x1a\0"
 """DOS' end-of-file character, and what a program leaves of a block that it did not fill."""
@@ -406,7 +404,7 @@ def _check_not_numbered(points: Array, path: Path) -> None:
     """Refuse points that are numbered or timed in front: number, x, y would be taken for x, y, z."""
     number = points[:, 0]
     rise = np.diff(number)
-    if len(points) < _NUMBERED or not (rise > 0.0).all():
+    if len(points) < MINIMUM_POINTS or not (rise > 0.0).all():
         return
     if (number % 1.0).any() and np.ptp(rise) > _EVEN * rise.min():
         return

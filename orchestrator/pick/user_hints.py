@@ -13,7 +13,7 @@ from toppling.models.arrays import Array, Indices, at_most
 from toppling.models.errors import refusals
 from toppling.models.files.documents import shown
 from toppling.models.files.given import LONGEST_NAME
-from toppling.models.hidden_base.inspection import Inspection, inspection_of
+from toppling.models.hidden_base.inspection import LEAST_PLACES, Inspection, inspection_of
 from toppling.models.hidden_base.intervals import base_sentences, volume_text
 from toppling.models.lengths import METRES
 from toppling.models.scan.hints_file import KINDS, Hints
@@ -25,8 +25,6 @@ from toppling.models.scan.survey import CachedScan, Survey
 
 _MOST_PLACES = 1000
 """Maximum number of places of each kind."""
-_FEWEST_POINTS = 3
-"""Minimum number of points that define an interface."""
 
 _Place = tuple[float, ...]
 
@@ -91,7 +89,7 @@ class UserHints:
     @property
     def of_the_split(self) -> "UserHints":
         """Hints that change the rock and its interface, and not only the base."""
-        points = self.point if len(self.point) >= _FEWEST_POINTS else ()
+        points = self.point if len(self.point) >= LEAST_PLACES else ()
         return dataclasses.replace(
             self.of_the_cloud, near=self.near, plane=self.plane, point=points, outline=self.outline
         )

@@ -23,7 +23,7 @@ from toppling.models.errors import InputError
 from toppling.orchestrator.context import Answer, RunError
 from toppling.orchestrator.delivery import NotDeliveredError, StorageError, pieces
 from toppling.orchestrator.dispatch import USUAL_LIMITS
-from toppling.orchestrator.interrupt import POLL_S, held_back
+from toppling.orchestrator.interrupt import LOOK_S, POLL_S, held_back
 from toppling.orchestrator.leaving import announced_exit, let_leave_in_order
 from toppling.orchestrator.local_workers import LocalWorkers
 from toppling.orchestrator.task import COMPILING, RunKey, UnfitWorkerError, check, must_compile
@@ -35,8 +35,6 @@ BACK_WITHIN_S = 120.0
 """Time within which a lost external scheduler may be restarted, s."""
 
 _UNREACHABLE = (errno.EHOSTUNREACH, errno.ENETUNREACH, errno.ENETDOWN, errno.EHOSTDOWN, errno.EADDRNOTAVAIL)
-_WAIT_S = 1.0
-"""Timeout of a wait for the first worker, s."""
 _WORTH_A_WORKER_S = 15.0
 """Remaining work that justifies another local process, s: a few times its start."""
 _WORTH_A_BATCH_JOB_S = 300.0
@@ -48,9 +46,7 @@ _IDLE_LOOKS = 10
 _LISTED = {"slurm": ("squeue", "--me", "--noheader", "--format=%A")}
 """Commands that list the ids of a user's unfinished batch jobs."""
 _BATCH_SYSTEM_S = 30.0
-"""Interval between such lists, and time that a batch system has to answer, s."""
-_RESUBMIT_PAUSE_S = 10.0
-"""Interval between resubmissions, s."""
+"""Interval between such lists and between resubmissions, and time that a batch system has to answer, s."""
 CLOSED = "--no-dashboard --dashboard-address 127.0.0.1:0"
 """Options of a Dask worker without dashboard, which has no authentication."""
 _WARN_AFTER_S = 60.0
@@ -159,7 +155,7 @@ def _wait_for_a_worker(client: Client) -> None:
     supervisor = DaskCluster(client)
     while not client.nthreads():
         with suppress(TimeoutError):
-            client.wait_for_workers(1, timeout=_WAIT_S)
+            client.wait_for_workers(1, timeout=LOOK_S)
             return
         supervisor.look(0.0, 0)
 
@@ -215,7 +211,7 @@ class DaskCluster:
             adaptive.work_left_s, adaptive.at_hand = work_left_s, at_hand
         if not self.gone():
             self._all_there = time.monotonic()
-        elif time.monotonic() - self._all_there > _RESUBMIT_PAUSE_S:
+        elif time.monotonic() - self._all_there > _BATCH_SYSTEM_S:
             self.resubmit()
 
     def _warn_of_absence(self) -> None:

@@ -16,7 +16,7 @@ from toppling.orchestrator.answers import Asked
 from toppling.orchestrator.context import Answer, JobSelection, RunError, RunProgress, Work
 from toppling.orchestrator.dask_cluster import DaskCluster, may_be_lost
 from toppling.orchestrator.dispatch import FIRST_JOBS, Batch, Dispatch
-from toppling.orchestrator.interrupt import held_back
+from toppling.orchestrator.interrupt import LOOK_S, held_back
 from toppling.orchestrator.journal import log_event
 from toppling.orchestrator.plan import Rows
 from toppling.orchestrator.task import RunKey, lost_row, shake_batch
@@ -35,12 +35,8 @@ _ATLAS_BUDGET_S = 6.0
 """Time budget of a task of an atlas, s: preparing a rock takes a third of a second."""
 _BATCHES_A_SECOND = 100
 """Maximum rate of tasks of a scheduler, Hz; on larger clusters the time budget grows."""
-_WAIT_S = 0.5
-"""Maximum time of waiting for a result before other duties, s."""
 _LEAST_JOB_S = 2e-4
 """Overhead of a job on a worker besides its shake, s."""
-_LOOK_S = 2.0
-"""Interval between checks of the number of threads, s."""
 _FLUSH_S = (5.0, 60.0)
 """Minimum and maximum interval between part files, s; it grows during the run, so that a weekend makes few thousand."""
 Task = Callable[[RunKey, Mapping[str, Any], pa.Table, float], pa.Table]
@@ -117,7 +113,7 @@ class Execution:
                 try:
                     self._look()
                     self._submit()
-                    for answer in self.cluster.answers(_WAIT_S):
+                    for answer in self.cluster.answers(LOOK_S):
                         self._take(answer)
                 except (OSError, CancelledError) as error:
                     if not may_be_lost(error):
@@ -227,7 +223,7 @@ class Execution:
     def _look(self) -> None:
         """Update the number of threads."""
         now = time.monotonic()
-        if now - self._looked < _LOOK_S:
+        if now - self._looked < LOOK_S:
             return
         self._looked = now
         self.cluster.look(self.progress.work_left_s, len(self._flying))

@@ -24,6 +24,8 @@ ENDS = (signal.SIGTERM, signal.SIGHUP)
 """Signals that are treated like Ctrl-C."""
 POLL_S = 0.1
 """Interval between checks of a state that nothing announces, s: an interrupt, a lost scheduler, a last job."""
+LOOK_S = 1.0
+"""Interval between looks at workers, and longest wait for an answer of theirs, s."""
 
 _Entered = TypeVar("_Entered")
 

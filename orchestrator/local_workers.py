@@ -24,6 +24,7 @@ from distributed.security import Security
 from distributed.system import MEMORY_LIMIT
 
 from toppling.models.compiled import FOLDER
+from toppling.orchestrator.interrupt import LOOK_S
 from toppling.orchestrator.journal import log_event
 from toppling.orchestrator.processes import WorkerProcess, worker_process
 from toppling.orchestrator.task import is_compiled, shake_a_block
@@ -32,9 +33,6 @@ log = logging.getLogger(__name__)
 
 _DEATHS_AT_START = 2
 """Number of consecutive deaths at the start after which no process is started."""
-
-_LOOK_S = 1.0
-"""Interval between checks of a worker's memory, and between attempts to end it, s."""
 
 _OUT_OF_MEMORY = Path("/sys/fs/cgroup/memory.events")
 
@@ -88,7 +86,7 @@ class _LocalWorker(ProcessInterface):
         self._closing = True
         while self._keeper.is_alive():
             self.kill()
-            await asyncio.to_thread(self._keeper.join, _LOOK_S)
+            await asyncio.to_thread(self._keeper.join, LOOK_S)
         await super().close()
 
     def kill(self) -> None:
@@ -131,7 +129,7 @@ class _LocalWorker(ProcessInterface):
         """Wait for the end of the process; end it and return the reason if it exceeds its share of memory."""
         why, end = "", select.poll()
         end.register(output)  # closed as the process ends
-        while not end.poll(1000.0 * _LOOK_S):
+        while not end.poll(1000.0 * LOOK_S):
             with contextlib.suppress(psutil.Error):
                 held = psutil.Process(pid).memory_info().rss
                 if held > self._memory:

@@ -19,6 +19,8 @@ LONGEST_NAME = 300
 """Maximum number of characters of a name, a value or a remark that are parsed: patterns are slow in endless text."""
 LARGEST_BYTES = 100_000_000
 """Maximum size of a table or a document, which is parsed whole, bytes."""
+LARGEST_DATA_BYTES = 800_000_000
+"""Maximum size of a mesh or a file of records: sixteen million triangles of an STL."""
 _OPEN_AT_ONCE = os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC
 """A pipe would wait for its writer, and a terminal would become the program's."""
 _LINE_END = re.compile(rb"[\n\r]")

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError, refusals
 from toppling.models.files import digest
-from toppling.models.files.given import END_BYTES, bytes_given, check_lines, open_given
+from toppling.models.files.given import END_BYTES, LARGEST_DATA_BYTES, bytes_given, check_lines, open_given
 from toppling.models.files.guarded import read_guarded
 from toppling.models.rock import check_triangles
 
@@ -255,8 +255,6 @@ _damaged = refusals(
     expected="a whole mesh that is written by the rules of its format", remedy="export the mesh again"
 )
 
-_LARGEST_BYTES = 800_000_000
-"""Size limit of a mesh that a library reads: sixteen million triangles of an STL."""
 _STL_HEADER_BYTES = 80
 _STL_TRIANGLE_BYTES = 50
 
@@ -328,7 +326,7 @@ def triangles_of(mesh: MeshLike, what: str) -> tuple[ArrayLike, ArrayLike, str]:
 
 def _parse_mesh(path: Path) -> tuple[None, list[NDArray]]:
     """Vertices and triangles of a file by trimesh; called in the guarded process, since a small file may say much."""
-    content, suffix = bytes_given(path, _damaged, _LARGEST_BYTES), path.suffix.lower()
+    content, suffix = bytes_given(path, _damaged, LARGEST_DATA_BYTES), path.suffix.lower()
     if suffix == ".obj" and _NOT_FROM_ONE.search(content):
         raise _damaged("mesh.index_out_of_range", "a face has a number that is not 1 or more", path)
     if suffix in (".glb", ".gltf"):

@@ -16,7 +16,7 @@ _HIGH_PASS_ORDER = 4
 """Order of the Butterworth filter after its two passes."""
 _LOWEST_CORNER_HZ = 0.001
 """Lowest corner of a filter, Hz: a lower one would need hours of zeros around the record."""
-_CORNERS_HZ = (0.05, 0.07, 0.1, 0.14, 0.2)
+CORNERS_HZ = (0.05, 0.07, 0.1, 0.14, 0.2)
 """Corners that the displacement check tries, lowest first: beyond the last, shaking of M 7 itself is lost."""
 _QUIET_SHARE = 0.1
 """Share of the record, at its end, in which the displacement is compared with its peak."""
@@ -111,16 +111,16 @@ def resample(motion: Motion, time_step_s: float) -> Motion:
 def process(motion: Motion, corner_hz: float | None = None) -> tuple[Motion, tuple[str, ...]]:
     """Demean, taper, high-pass and bring to rest an uncorrected record.
 
-    corner_hz: corner of the high-pass; None chooses the lowest of `_CORNERS_HZ` whose displacement ends near zero.
+    corner_hz: corner of the high-pass; None chooses the lowest of `CORNERS_HZ` whose displacement ends near zero.
     """
     centred = motion.acceleration_m_s2 - motion.acceleration_m_s2.mean(axis=0)
     start = taper(Motion(centred, motion.time_step_s))
     chosen, how = corner_hz, "as asked"
     if chosen is None:
-        passing = (corner for corner in _CORNERS_HZ if _displacement_drift(start, corner) <= _DRIFT_SHARE)
+        passing = (corner for corner in CORNERS_HZ if _displacement_drift(start, corner) <= _DRIFT_SHARE)
         chosen, how = next(passing, None), "lowest that passes the displacement check"
     if chosen is None:
-        chosen, how = _CORNERS_HZ[-1], DRIFTS
+        chosen, how = CORNERS_HZ[-1], DRIFTS
     history = (
         "mean removed",
         f"cosine taper of {_TAPER_SHARE:.0%} at each end",

@@ -30,9 +30,6 @@ _MOST_UNEVEN = 0.3
 _Record = tuple[str, dict[str, str]]
 """File and line of a row, and its cells by the names of their columns."""
 
-_DEPTH = 6
-"""Maximum number of folders between a file of nshmp-haz and its config.json."""
-
 
 @dataclass(frozen=True)
 class Bin:
@@ -133,8 +130,7 @@ def _probability(where: str, text: str) -> float:
 
 def nshmp_root(file: Path) -> Path | None:
     """Output folder of nshmp-haz that a file is in, by its configuration; None if there is none."""
-    folders = file.absolute().parents[:_DEPTH]
-    return next((folder for folder in folders if (folder / "config.json").is_file()), None)
+    return next((folder for folder in file.absolute().parents if (folder / "config.json").is_file()), None)
 
 
 def _widths(table: Path, distances_km: Sequence[float], magnitudes: Sequence[float]) -> tuple[float, float]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from toppling.models.motions.measures import STANDARD_G_M_S2
 from toppling.models.motions.motion import Motion
-from toppling.models.motions.processing import end_at_rest, high_pass
+from toppling.models.motions.processing import CORNERS_HZ, end_at_rest, high_pass
 from toppling.models.motions.record import Record
 
 _TIME_STEP_S = 0.01
@@ -53,7 +53,6 @@ _CALIBRATION = 1.2
 """Factor on the spectra: the path's durations exceed those with which the source was calibrated, and longer
 shaking of one spectrum peaks lower. It brings PGA and response spectra to the empirical medians
 (`against_targets`)."""
-_LOW_CUT_HZ = 0.05
 _PULSE_DISTANCE_KM = (5.0, 15.0)
 _MEDIAN_PULSE_VELOCITY_M_S = 0.9
 """Median amplitude of its velocity."""
@@ -134,8 +133,8 @@ def synthetic_motion(scenario: Scenario, rng: np.random.Generator) -> tuple[Moti
     if scenario.pulse:
         history.append(_add_pulse(spectra, samples, scenario, rng))
     motion = Motion(np.fft.irfft(spectra, samples, axis=1).T, _TIME_STEP_S)
-    history.append(f"acausal Butterworth high-pass at {_LOW_CUT_HZ:g} Hz, brought to rest")
-    return end_at_rest(high_pass(motion, _LOW_CUT_HZ)), tuple(history)
+    history.append(f"acausal Butterworth high-pass at {CORNERS_HZ[0]:g} Hz, brought to rest")
+    return end_at_rest(high_pass(motion, CORNERS_HZ[0])), tuple(history)
 
 
 def _corner_frequencies_hz(magnitude: float) -> tuple[float, float, float]:

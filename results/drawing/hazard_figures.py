@@ -34,9 +34,6 @@ from toppling.results.hazard.update import Update
 _LEAST_RATE = 3e-7
 """Lower end of the annual rates that are drawn: rates below 1e-6 are of no practical interest."""
 
-_LEAST_RANGE = 50.0
-"""Minimum ratio of the ends of the drawn rates, so that at least one power of ten is labelled."""
-
 
 def constraint_figure(constraint: Constraint) -> Figure:
     """Rates of exceedance inconsistent with the standing rocks, with hazard curves and their verdicts in the legend.
@@ -196,7 +193,7 @@ def _frame(axes: Axes, update: Update, width_in: float) -> None:
         rates.max(), *(rate[np.isfinite(rate)].max(initial=0.0) for rate in update.before.fractiles.values())
     )
     right = x[min(int(shown.sum()), len(x) - 1)]
-    least = min(max(_LEAST_RATE, rates.min() / 2), top / _LEAST_RANGE)
+    least = min(max(_LEAST_RATE, rates.min() / 2), top / 10.0)  # every decade has a labelled power of ten
     axes.set(xlim=(x[0], max(right, x[0] * 1.5)), ylim=(least, 1.5 * top))
     axes.set_title(ages_words(update.rocks, width_in))
     period = axes.secondary_yaxis("right", functions=(_inverse, _inverse))

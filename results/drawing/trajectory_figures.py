@@ -45,8 +45,6 @@ WIDTH = 480
 STRIP = 92
 """Height of the seismogram's strip, pixels."""
 
-_ROW = 19
-"""Height of a line of the heading, pixels."""
 _OVERSAMPLING = 2
 """Factor of resolution at which frames are drawn, to smooth edges."""
 
@@ -183,11 +181,12 @@ def _draw_arrow(draw: ImageDraw.ImageDraw, replay: Replay, view: _View, time_s: 
 
 def _heading(title: str, speed: float) -> Image.Image:
     lines = [*wrap(title, 62), f"{_speed_words(speed)}; arrow: ground's acceleration"]
-    image = Image.new("RGB", (WIDTH, _ROW * len(lines) + 8), "white")
+    row = sum(_font(13).getmetrics()) + 4  # the spacing of lines that Pillow uses
+    image = Image.new("RGB", (WIDTH, row * len(lines) + 8), "white")
     draw = ImageDraw.Draw(image)
     for number, line in enumerate(lines):
         fill = "black" if number < len(lines) - 1 else "#555555"
-        draw.text((8, 4 + _ROW * number), line, fill=fill, font=_font(13))
+        draw.text((8, 4 + row * number), line, fill=fill, font=_font(13))
     return image
 
 

@@ -184,7 +184,7 @@ near magnitudes."""
 READINGS = 5
 """Number of scatters within `SCATTERS`, both ends included, that intervals are over."""
 _BINS_PER_E_FOLD = 30
-"""Number of bins of the first measure per factor e of intensity."""
+"""Number of bins of a measure per factor e of intensity."""
 _EXTENDED = 3.0
 """Logarithm of the factor of intensity by which curves are extrapolated as power laws."""
 _NODES = 16
@@ -193,8 +193,6 @@ _END_SCATTERS = 4.0
 """Margin at the ends of the second measure's range, in scatters, where sums are incomplete."""
 _SATURATED = 0.98
 """Fraction of the largest rate above which a curve is flat, so that the level of a rate is undefined."""
-_LEVELS = 320
-"""Number of levels of the second measure in the search for g."""
 _CLOSE = 1e-4
 """Shift of ln(intensity) at which the search for g ends."""
 
@@ -254,7 +252,7 @@ def _log_rate(curve: HazardCurve, logarithm: Array) -> Array:
 def _coupled(second: HazardCurve, part: Array, reached: Array, scatter: float) -> tuple[Array, float]:
     """Log medians of the second measure in the bins of the first, and the misfit of its rates."""
     low, high = math.log(second.intensity[0]) - 3 * _EXTENDED, math.log(second.intensity[-1]) + 3 * _EXTENDED
-    y = np.linspace(low, high, _LEVELS)
+    y = np.linspace(low, high, math.ceil((high - low) * _BINS_PER_E_FOLD) + 1)
     falling = _log_rate(second, y) - 1e-9 * np.arange(len(y))  # strictly decreasing where the curve is flat
     wanted = np.interp(-np.log(reached), -falling, y)
     centre = wanted.copy()

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
-from toppling.models.arrays import Array
+from toppling.models.arrays import ROUNDING, Array
 from toppling.models.errors import InputError
 from toppling.results.analysis.lognormal import Lognormal, Resampled, Surface, ends
 from toppling.results.analysis.resampling import SAMPLES
@@ -36,8 +36,6 @@ LARGEST_FACTOR = 1e3
 _FURTHEST = math.log(LARGEST_FACTOR)
 _STEP = math.log(1.05)
 """Logarithmic step between scale factors of motions in a draw; rates are power laws between them."""
-_NEGLIGIBLE = 1e-12
-"""Toppling probability at ten times the motion below which an event is left out of a search for factors."""
 
 
 def topples(fragility: Fragility, motions: Motions) -> Array:
@@ -191,7 +189,7 @@ def _largest_factor(above: Callable[[float], float]) -> float:
 
 def _felt(rocks: Sequence[Standing], group: Group) -> Group:
     """Group without the events that topple nothing even at ten times the motion."""
-    return group.chosen(any_topples(_scaled(rocks, math.log(10.0)), group.motions)[0] > _NEGLIGIBLE)
+    return group.chosen(any_topples(_scaled(rocks, math.log(10.0)), group.motions)[0] > ROUNDING)
 
 
 @dataclass(frozen=True, eq=False)

@@ -227,8 +227,6 @@ def _pairs(information: Array, score: Array, record: NDArray[np.int64]) -> Array
 
 _LEVEL = 0.02
 """Significance level of the test for a departure. Adaptive choice of the jobs can double it, to less than 5 %."""
-_LEAST_P = 1e-3
-"""Smallest p-value that is printed."""
 _EDGES = np.array([0.1, 0.3, 0.5, 0.7, 0.9])
 """Edges of the bins of predicted probability in which prediction and answers are compared."""
 
@@ -249,8 +247,7 @@ class Departure:
         comparison = (
             f"{100 * self.observed:.0f} % of {self.jobs} jobs topple, predicted {100 * self.expected:.0f} %"
         )
-        p = f"p = {self.p_value:.1g}" if self.p_value >= _LEAST_P else f"p below {_LEAST_P:g}"
-        return f"the curve is not lognormal: {comparison} ({p})"
+        return f"the curve is not lognormal: {comparison} (p = {self.p_value:.1g})"
 
 
 def _p_value(curve: Curve, answers: Answers) -> float:

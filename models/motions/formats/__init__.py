@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from toppling.models.errors import InputError
-from toppling.models.files.given import HEAD_BYTES, bytes_given, other_kind, text_of
+from toppling.models.files.given import HEAD_BYTES, LARGEST_DATA_BYTES, bytes_given, other_kind, text_of
 from toppling.models.motions.formats import columns, cosmos, geonet, peer, seismic, smc, volumes
 from toppling.models.motions.formats.component import (
     Component,
@@ -42,8 +42,6 @@ _NO_RECORDS = (
     (rb"\s*[{\[]", "JSON", "export the record as text: time and acceleration in columns"),
 )
 """Beginnings of files that are no records: what they are, and what to give instead."""
-_LARGEST_BYTES = 500_000_000
-"""Maximum size of a file of records."""
 _LONGEST_LINE = 5000
 """Formats have lines of at most a few hundred characters, and searching endless ones for words is slow."""
 _LARGEST_SAMPLE = 1e12
@@ -56,7 +54,7 @@ def read_file(path: Path, inventory: Any | None = None) -> list[Component]:
     inventory: responses for the formats that hold counts.
     Raises InputError if no reader knows the format, or the file is damaged: with file and line.
     """
-    content = bytes_given(path, no_record, _LARGEST_BYTES)
+    content = bytes_given(path, no_record, LARGEST_DATA_BYTES)
     if not content.strip(b"\0\x1a \t\r\n"):
         refuse_file("file.empty", path, "the file is empty")
     text = text_of(content)

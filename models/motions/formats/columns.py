@@ -58,8 +58,6 @@ _MOST_FOOTER = 20
 """Maximum number of lines of text below the samples, which are left out."""
 _PROBED = 20
 """Number of rows by which separator and decimal sign are recognised."""
-_LEAST_ROWS = 2
-"""Number of successive rows of one width that shows where the columns begin."""
 
 _BRACKETS = re.compile(r"[(\[]([^)\]]*)[)\]]")
 _ENDING = re.compile(
@@ -198,10 +196,9 @@ def _layout(lines: Sequence[str]) -> _Layout | None:
             row = _cells(table, line)
             widths[n] = len(row) if all(map(_NUMBER.match, row)) else 0
     places = list(widths)
-    for at, place in enumerate(places):
-        run = [widths[n] for n in places[at : at + _LEAST_ROWS]]
-        if 0 < run[0] <= _MOST_COLUMNS and len(run) == _LEAST_ROWS and len(set(run)) == 1:
-            return _named(lines, _Layout(place, run[0], table), places[:at])
+    for at, (place, following) in enumerate(pairwise(places)):
+        if 0 < widths[place] <= _MOST_COLUMNS and widths[place] == widths[following]:
+            return _named(lines, _Layout(place, widths[place], table), places[:at])
     return None
 
 
@@ -338,10 +335,10 @@ def read(file: RecordText) -> list[Component]:
 def _rows(file: RecordText, layout: _Layout) -> tuple[list[str], tuple[str, ...]]:
     """Rows below the names, their numbers separated by blanks, and warnings of the text that is left out."""
     lines, first, end = file.lines, layout.first, len(file.lines)
-    while end > first + _LEAST_ROWS and not lines[end - 1].strip():
+    while not lines[end - 1].strip():  # the first row has numbers
         end -= 1
     last = end
-    while last > first + _LEAST_ROWS and _TEXT.match(lines[last - 1]):
+    while _TEXT.match(lines[last - 1]):
         if all(map(_NUMBER.match, layout.cells(lines[last - 1]))):
             break
         last -= 1

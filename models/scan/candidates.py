@@ -49,6 +49,9 @@ _SHARP = -0.8
 """Lower quartile of the bend along the crease between two bodies, some 45 degrees: where blobs grew together, .6."""
 _PART_SHARE = 0.03
 """Least share of a rock's patches that a part of it has: of its volume about half a percent."""
+_BELT_WIDTHS, _IN_PLANE = 0.25, 0.5
+"""Widest unseen belt in a surface, over the width of the part beyond it, and sine of the angle by which what joins two
+patches across it may leave their planes."""
 LEAST_SURFELS = 50
 """Fewer patches are no rock."""
 _ALIKE = 0.97
@@ -116,7 +119,7 @@ def find_candidates(points_m: Array, coarse: Surfels) -> list[Candidate]:
     plane within it carries: a statue and not its plinth with it. The cuts of the highest are compared from near by, as
     the whole cloud's patches may be too wide for their crevice.
     """
-    edges = neighbourhood(coarse.points_m, coarse.voxel_m)
+    edges = surface_edges(coarse)
     cuts = [
         _cut_at(coarse, edges, peak, share * (coarse.points_m[peak, 2] - level))
         for peak, level in _peaks(coarse, edges)
@@ -206,7 +209,7 @@ def _seen_near_by(points_m: Array, cuts: list[Candidate]) -> tuple[Candidate, li
         surfels = surfels_of(points_m[around], height / _FINEST_VOXELS_PER_HEIGHT)
         if surfels.voxel_m > 0.9 * coarse_m:
             break  # nothing to be seen that was not seen before
-        edges, z = neighbourhood(surfels.points_m, surfels.voxel_m), surfels.points_m[:, 2]
+        edges, z = surface_edges(surfels), surfels.points_m[:, 2]
         rim = np.hypot(*(surfels.points_m[:, :2] - axis).T) > reach - 3.0 * surfels.voxel_m
         rim |= z < rock[:, 2].min() - _BESIDE_HEIGHTS * height + 3.0 * surfels.voxel_m
         found: list[Candidate] = []
@@ -300,6 +303,43 @@ def neighbourhood(points_m: Array, voxel_m: float) -> Indices:
     lower, upper = np.minimum(start[keep], end[keep]), np.maximum(start[keep], end[keep])
     # One number for each pair: rows are slow to sort.
     return np.column_stack(np.divmod(distinct(lower * len(points_m) + upper), len(points_m)))
+
+
+def surface_edges(surfels: Surfels) -> Indices:
+    """Pairs (m, 2) of neighbouring surfels, each once, also across a belt that nobody saw.
+
+    A part of the cloud that stands apart goes on in another one if the nearest patches of the two lie in each other's
+    planes all around it: a rock's crown above an unseen belt, but neither a branch above a rock nor a rock on ground.
+    """
+    points, edges = surfels.points_m, neighbourhood(surfels.points_m, surfels.voxel_m)
+    part = joined_parts(edges, len(points))
+    sizes = np.bincount(part)
+    large, found = np.flatnonzero(sizes >= LEAST_SURFELS), [edges]
+    for number in large[np.argsort(-sizes[large])][1:]:
+        own, middle = part == number, points[part == number].mean(axis=0)
+        if np.median(surfels.roughness[own]) > SURFACE_ROUGHNESS:
+            continue
+        reach_m = _BELT_WIDTHS * float(np.ptp(points[own], axis=0).max())
+        other = (sizes[part] > sizes[number]) & (
+            np.linalg.norm(points - middle, axis=1) < reach_m / _BELT_WIDTHS
+        )
+        if not other.any():
+            continue
+        pair = _facing(points, np.flatnonzero(own), np.flatnonzero(other))
+        along = np.diff(points[pair], axis=1)[:, 0]
+        away_m = np.linalg.norm(along, axis=1)
+        off = np.abs(np.einsum("ijk,ik->ij", surfels.normals[pair], along / away_m[:, None])).max(axis=1)
+        pair = pair[(off < _IN_PLANE) & (away_m < reach_m)]
+        if len(np.unique(sectors(points[pair[:, 0]] - middle))) > _AROUND * SECTORS:
+            found.append(pair)
+    return np.vstack(found)
+
+
+def _facing(points: Array, own: Indices, other: Indices) -> Indices:
+    """Pairs (m, 2) of patches of two parts that are the nearest to each other."""
+    there = other[cKDTree(points[other]).query(points[own])[1]]
+    back = own[cKDTree(points[own]).query(points[there])[1]]
+    return np.column_stack([own, there])[back == own]
 
 
 def _peaks(surfels: Surfels, edges: Indices) -> list[tuple[int, float]]:

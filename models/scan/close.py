@@ -150,7 +150,12 @@ def close_rock(surfels: Surfels, rock: Flags, base: Base, interface: Interface) 
     if interface.sheet is None:
         vertices[np.abs(vertices[:, 2]) < 1e-9 * height, 2] = 0.0
     vertices = _apart(vertices, faces, _APART_SHARE_OF_HEIGHT * height)
-    rock_body = Rock.from_triangles(interface.scene(vertices), faces, where="closed rock")
+    try:
+        rock_body = Rock.from_triangles(interface.scene(vertices), faces, where="closed rock")
+    except InputError as error:
+        raise _not_closed(
+            f"the surface closed about what was seen is no body of a rock: {error.what}"
+        ) from error
     on_plane = np.abs(vertices[:, 2] - interface.rise(vertices)[:, 2]) < 1e-9 * height
     return ClosedRock(
         rock_body,
@@ -282,5 +287,5 @@ def _not_closed(what: str) -> InputError:
         what,
         where="closing the rock",
         expected="a rock seen from several sides",
-        remedy="add stations, or check the segmentation in the scene's picture",
+        remedy="add stations on the sides that none saw, or check the segmentation in the scene's picture",
     )

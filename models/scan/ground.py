@@ -89,9 +89,13 @@ def pedestal_ground(surfels: Surfels, pedestal: Flags, rock: Rock, interface: In
     # Strays between rock and pedestal, and grass, make spikes, over which the rock would roll too late.
     near = cKDTree(flat[top, :2]).query(flat[top, :2], min(_MEDIAN_OF, int(top.sum())))[1]
     flat[top, 2] = np.median(flat[top, 2][near], axis=1)
+    lower = _lower(flat, top, nodes, cell)
+    # A base that was seen to hang where the pedestal lies lower hides no pedestal.
+    under = ~pedestal & (surfels.normals @ interface.normal < -UPWARD)
     standing = _inside(nodes, outline if interface.sheet is None else interface.sheet.ring_m)
+    standing &= ~(lower & _shown(interface.flat(surfels.points_m[under]), nodes, cell))
     # Every cell that the outline crosses is there and lies in the plane, so that the whole base rests on it.
-    lost = _lost(flat, top, nodes, cell, ndimage.binary_dilation(standing, np.ones((3, 3))))
+    lost = _lost(lower, ndimage.binary_dilation(standing, np.ones((3, 3))))
     seat = ndimage.binary_dilation(standing, np.ones((3, 3)), iterations=2)
     surface = _surface(flat[top], grid, seat)
     surface = np.where(seat, 0.0, np.minimum(surface, _underside(flat_rock, rock.faces, grid)))
@@ -122,15 +126,27 @@ def _inside(nodes: Array, polygon: Array) -> Flags:
     return Polygon(polygon).contains_points(nodes.reshape(-1, 2)).reshape(nodes.shape[:2])
 
 
-def _lost(flat: Array, top: Flags, nodes: Array, cell: float, standing: Flags) -> Flags:
-    """Nodes without pedestal: nearer to a cliff's face, or to the land below it, than to its top."""
+def _lower(flat: Array, top: Flags, nodes: Array, cell: float) -> Flags:
+    """Nodes nearer to a cliff's face, or to the land below it, than to its top."""
     tree_top = cKDTree(flat[top, :2])
     below = flat[~top & (flat[:, 2] < -2 * cell)]
     if len(below) < 20:
         return np.zeros(nodes.shape[:2], bool)
     to_top = tree_top.query(nodes.reshape(-1, 2))[0].reshape(nodes.shape[:2])
     to_below = cKDTree(below[:, :2]).query(nodes.reshape(-1, 2))[0].reshape(nodes.shape[:2])
-    lost = ndimage.binary_opening(to_below < to_top, iterations=2)
+    return ndimage.binary_opening(to_below < to_top, iterations=2)
+
+
+def _shown(flat: Array, nodes: Array, cell: float) -> Flags:
+    """Nodes at some patches (n, 3), over more than a narrow strip."""
+    near = np.zeros(nodes.shape[:2], bool)
+    if len(flat):
+        near |= cKDTree(flat[:, :2]).query(nodes.reshape(-1, 2))[0].reshape(near.shape) < cell
+    return ndimage.binary_opening(near, iterations=2)
+
+
+def _lost(lost: Flags, standing: Flags) -> Flags:
+    """Nodes without pedestal: those lower than it that lead out of the map, and what they part from where it stands."""
     # A cliff leads out of the map; a hole in its middle is a few strays below an unseen patch.
     parts, _ = ndimage.label(lost)
     rim = np.concatenate([parts[0], parts[-1], parts[:, 0], parts[:, -1]])

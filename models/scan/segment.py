@@ -18,8 +18,8 @@ from toppling.models.scan.candidates import (
     find_candidates,
     joined_rock,
     minimum_cut,
-    neighbourhood,
     parted,
+    surface_edges,
     surfels_of,
     thing_and_rest,
 )
@@ -267,7 +267,7 @@ def segment(
 
 def _standing_on(surfels: Surfels, hint: InterfaceHint, near_m: Array | None) -> Candidate:
     """Cut off what stands on the interface that the user names: where they point, or else nearest to its anchors."""
-    edges = neighbourhood(surfels.points_m, surfels.voxel_m)
+    edges = surface_edges(surfels)
     points = surfels.points_m
     height = hint.interface.flat(points)[:, 2]
     above = height > 2.0 * surfels.voxel_m
@@ -343,7 +343,7 @@ def _refine(
     rock = chosen.surfels.points_m[chosen.rock]
     surfels, around, index = patches_around(points_m, rock, chosen.height_m)
     voxel = surfels.voxel_m
-    edges = neighbourhood(surfels.points_m, voxel)
+    edges = surface_edges(surfels)
     votes = chosen.share_around(surfels.points_m)
     seeds, far, over = votes == 1.0, votes == 0.0, None
     if hint is not None:
@@ -431,7 +431,7 @@ def cut_over(points_m: Array, parts: Segmentation, interface: Interface) -> Segm
     seeds, far = rock & (over[:, 2] > clear), ~rock & (outside | (over[:, 2] < -clear))
     if not seeds.any() or not far.any():
         return parts
-    edges = neighbourhood(surfels.points_m, surfels.voxel_m)
+    edges = surface_edges(surfels)
     found = minimum_cut(surfels, edges, seeds, far, over[:, 2])
     return relabelled(points_m, parts, found & ~rock & (over[:, 2] > clear), ROCK)
 

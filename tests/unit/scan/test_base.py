@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
-from patches import LEVEL, level, upward
+from patches import LEVEL, level, seen_of, upward
 
 from toppling.models.arrays import effective_number
 from toppling.models.hidden_base.evidence import (
@@ -75,6 +75,15 @@ def test_a_cliff_beside_the_base_takes_no_support_away():
     )
     assert len(found.edges_m) == 1
     np.testing.assert_allclose(on_surface, on_plane, rtol=1e-6)
+
+
+def test_no_pedestal_lies_below_a_base_that_was_seen_to_hang_over_lower_land():
+    rock, points = box(1.0, 1.0, 1.0).moved(np.eye(3), (0.0, 0.0, 1.0)), level(2.0, 0.02)
+    away = np.abs(points[:, :2]).max(axis=1)
+    land, hangs = points - [0.0, 0.0, 1.0] * (away > 0.2)[:, None], points[(away > 0.2) & (away < 1.0)]
+    seen = seen_of((hangs, 0.0 * hangs - [0.0, 0.0, 1.0]), (land, 0.0 * land + [0.0, 0.0, 1.0]))
+    found = pedestal_ground(seen.surfels, ~seen.patches, rock, LEVEL)
+    assert np.abs(found.pedestal.vertices_m[:, :2]).max() < 0.3
 
 
 def test_strays_beside_the_rock_raise_no_spikes_on_the_pedestal():

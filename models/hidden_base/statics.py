@@ -23,9 +23,9 @@ from toppling.models.scan.interface import Interface
 FRICTION = ContactProperties().friction_static
 """Friction of a scanned scene unless another is given."""
 BAND_PER_HEIGHT = 0.15
-FEET_PER_HEIGHT, _HIGHER_FEET_PER_HEIGHT = 1e-4, 3e-4
-"""Feet are left out while the hull of the others stays within this share of the height: below the band, above it. With
-larger ones a rounded base is a polygon, on which a slender rock topples too late."""
+FEET_PER_HEIGHT = 1e-4
+"""Feet are left out while the hull of the others stays within this share of the height. With a larger one a rounded
+base is a polygon, on which a slender rock topples too late."""
 _ABOVE_THE_RIM_PER_HEIGHT = 0.002
 """The rock's side starts so far above its rim."""
 _HIGH_FEET_PER_HEIGHT = 0.3
@@ -50,7 +50,7 @@ class DrawStatics:
         com = interface.flat(rock.com_m[None])[0]
         high = high[high[:, 2] < _HIGH_FEET_PER_HEIGHT * height_m]
         above = np.array([[*com[:2], 2.0 * com[2]]])
-        few = least_feet(high, above, com, _HIGHER_FEET_PER_HEIGHT * height_m)
+        few = least_feet(high, above, com, FEET_PER_HEIGHT * height_m)
         return cls(rock, interface, part, side, few, height_m)
 
     def few_feet(self, gap: GapDraw, com_m: Array) -> Array:

@@ -322,7 +322,6 @@ def _words(up: str | Sequence[float] | None) -> str:
     return up if isinstance(up, str) else ",".join(f"{value:g}" for value in up or ())
 
 
-_LONGEST_WKT = 20_000
 _SYSTEMS = (
     "PROJCS|GEOGCS|COMPD_CS|GEOCCS|LOCAL_CS|VERT_CS|PROJCRS|GEOGCRS|GEODCRS|COMPOUNDCRS|ENGCRS|ENGINEERINGCRS|BOUNDCRS|"
     "PROJECTEDCRS|GEOGRAPHICCRS|GEODETICCRS"
@@ -346,7 +345,7 @@ def of_wkt(wkt: str, where: str) -> Reference:
     from pyproj.exceptions import CRSError
 
     try:
-        return _of_crs(CRS.from_wkt(wkt[:_LONGEST_WKT].rstrip("\0 \r\n")), where)
+        return _of_crs(CRS.from_wkt(wkt.rstrip("\0 \r\n")), where)
     except CRSError as error:
         raise _not_understood(f"{wkt[:60]}...: {str(error).splitlines()[0][:120]}", where) from None
 
@@ -436,7 +435,7 @@ def of_words(text: str, where: str) -> Reference | None:
 def _balanced(text: str) -> str:
     """Text up to where its first bracket closes."""
     depth, quoted = 0, False
-    for at, letter in enumerate(text[:_LONGEST_WKT]):
+    for at, letter in enumerate(text):
         quoted ^= letter == '"'
         if not quoted:
             depth += (letter in "[(") - (letter in ")]")

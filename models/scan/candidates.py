@@ -14,6 +14,7 @@ from toppling.models.arrays import Array, Flags, Indices, bounds_of, distinct, i
 from toppling.models.scan.interface import SECTORS, Interface, fitted_plane, sectors
 from toppling.models.scan.surfels import LEVEL, SAMPLED_POINTS, Surfels, orient, thin
 from toppling.models.shapes import joined_parts
+from toppling.models.smooth_mesh import CREASE_DEG
 
 _COARSE_SURFELS = 25_000
 LEAST_PEAK_VOXELS = 6
@@ -49,9 +50,8 @@ _SHARP = -0.8
 """Lower quartile of the bend along the crease between two bodies, some 45 degrees: where blobs grew together, .6."""
 _PART_SHARE = 0.03
 """Least share of a rock's patches that a part of it has: of its volume about half a percent."""
-_BELT_WIDTHS, _IN_PLANE = 0.25, 0.5
-"""Widest unseen belt in a surface, over the width of the part beyond it, and sine of the angle by which what joins two
-patches across it may leave their planes."""
+_BELT_WIDTHS = 0.25
+"""Widest unseen belt in a surface, over the width of the part beyond it."""
 LEAST_SURFELS = 50
 """Fewer patches are no rock."""
 _ALIKE = 0.97
@@ -309,7 +309,8 @@ def surface_edges(surfels: Surfels) -> Indices:
     """Pairs (m, 2) of neighbouring surfels, each once, also across a belt that nobody saw.
 
     A part of the cloud that stands apart goes on in another one if the nearest patches of the two lie in each other's
-    planes all around it: a rock's crown above an unseen belt, but neither a branch above a rock nor a rock on ground.
+    planes all around it, with no crease between: a rock's crown above an unseen belt, but neither a branch above a rock
+    nor a rock on ground.
     """
     points, edges = surfels.points_m, neighbourhood(surfels.points_m, surfels.voxel_m)
     part = joined_parts(edges, len(points))
@@ -329,7 +330,7 @@ def surface_edges(surfels: Surfels) -> Indices:
         along = np.diff(points[pair], axis=1)[:, 0]
         away_m = np.linalg.norm(along, axis=1)
         off = np.abs(np.einsum("ijk,ik->ij", surfels.normals[pair], along / away_m[:, None])).max(axis=1)
-        pair = pair[(off < _IN_PLANE) & (away_m < reach_m)]
+        pair = pair[(off < np.sin(np.deg2rad(CREASE_DEG))) & (away_m < reach_m)]
         if len(np.unique(sectors(points[pair[:, 0]] - middle))) > _AROUND * SECTORS:
             found.append(pair)
     return np.vstack(found)

@@ -32,8 +32,8 @@ _RIVAL_SHARE = 0.6
 """Least height, over the first candidate's, of a second one that may be the rock that is meant."""
 _NEAR_HEIGHTS = 1.5
 """Largest distance, in its heights, of a candidate from where the user points."""
-_CIRCLES, _FEWEST_AROUND = (0.2, 0.08, 0.032, 0.0128), 5000
-"""Radii about a named place, over the cloud's extent; with fewer points a circle shows no rock."""
+_CIRCLES = (0.2, 0.08, 0.032, 0.0128)
+"""Radii about a named place, over the cloud's extent; a circle with fewer points than a sample shows no rock."""
 
 
 def choose(candidates: list[Candidate], near_m: Array | None, origin_m: Array, coarse: Surfels) -> Candidate:
@@ -123,7 +123,7 @@ def look_around(
     extent_m = float(np.ptp(coarse.points_m[:, :2], axis=0).max())
     for share in _CIRCLES:
         around = points_m[away < share * extent_m]
-        if len(around) < _FEWEST_AROUND:
+        if len(around) < FEW_SAMPLED:
             break
         closer = surfels_of(around)
         found = find_candidates(around, closer)

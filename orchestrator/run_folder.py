@@ -120,7 +120,7 @@ def remarks(run: Path) -> list[tuple[str, dict[str, Any]]]:
     """Remarks on a run's rocks before its jobs: sentences with the entries that they are based on."""
     content = describe(run)
     found = [(f"{rock['rock']} is left out: {rock['why']}", rock) for rock in content.get("left_out") or ()]
-    for scene in content.get("scenes") or [{"settling": content.get("settling")}]:
+    for scene in content.get("scenes") or [content]:
         name = f"{scene['rock']}: " if "rock" in scene else ""
         if scene.get("problem"):
             found.append((f"{name}{scene['problem']}", {"rock": scene["rock"]}))
@@ -289,8 +289,8 @@ def _check(run: Path, plan: "Plan", versions: dict[str, str]) -> None:
     _refuse_links(run, [*(run / name for name in (*files, *folders)), *below])
     run_integrity.check_files(run)
     # A changed campaign is reported first: versions may differ only because of its engine.
-    difference = _campaign_differs(run, plan, content) if content.get("plan_id") != plan.id else ""
-    there = content.get("versions", {})
+    difference = _campaign_differs(run, plan, content) if content["plan_id"] != plan.id else ""
+    there = content["versions"]
     differing = [
         f"{name} {there.get(name)}, now {version}"
         for name, version in versions.items()
@@ -304,7 +304,7 @@ def _check(run: Path, plan: "Plan", versions: dict[str, str]) -> None:
             expected="the same versions to the end, so that all rows are comparable",
             remedy="go on with the old environment, or start a new run with another --out",
         )
-    if content.get("plan_id") != plan.id:
+    if content["plan_id"] != plan.id:
         raise _error(
             "run.of_another_campaign",
             run,
@@ -312,9 +312,7 @@ def _check(run: Path, plan: "Plan", versions: dict[str, str]) -> None:
             expected="the same campaign, scene and ensemble as when the run was begun",
             remedy="give another --out, or go on with the one that lies in the folder",
         )
-    required = digest.check(run / "run.json")
-    begun_with = set(content.get("files") or run_integrity.NEEDED)
-    lacking = [name for name in sorted(begun_with) if not (run / name).exists()]
+    lacking = [name for name in sorted(content["files"]) if not (run / name).exists()]
     if lacking:
         raise _error(
             "run.file_gone",
@@ -324,7 +322,7 @@ def _check(run: Path, plan: "Plan", versions: dict[str, str]) -> None:
             remedy="put it back from where the folder was copied, or start a new run with another --out",
         )
     for name in run_integrity.written_once(run):
-        digest.check(run / name, required=required)
+        digest.check(run / name)
 
 
 def _copy_known(source: Path, target: Path, names: Iterable[str]) -> None:

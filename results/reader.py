@@ -63,7 +63,7 @@ class Completeness:
 
 def rows_stored(document: Mapping[str, Any]) -> int:
     """Largest number of rows that a session of a run had stored when it ended, from `run.json`."""
-    counts = [session.get("done") for session in document.get("sessions") or ()]
+    counts = [session.get("done") for session in document.get("sessions", ())]
     return max((count for count in counts if type(count) is int), default=0)
 
 
@@ -364,7 +364,7 @@ class Run(Described):
     def provenance(self) -> dict[str, Any]:
         """Content of `run.json`, the provenance of the run; empty without one."""
         path = self.root / "run.json"
-        return check_run_document(read_json(path), path, whole_document=False) if path.exists() else {}
+        return check_run_document(read_json(path), path) if path.exists() else {}
 
     def describe(self) -> list[dict[str, str]]:
         """Unit and description of every column of every table."""

@@ -1,10 +1,10 @@
 """Integrity of a run's folder: intact files that belong to another run are refused by name.
 
 `run.json` records the digest of every initial file of the run, and the ids of scene, ensemble and plan. Rows are
-compared with the jobs of the plan. Runs of earlier versions, without digests, are compared by ids.
+compared with the jobs of the plan.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +14,8 @@ import pyarrow.parquet as pq
 
 from toppling.models.errors import InputError
 from toppling.models.files.digest import check, read_json, read_table, stamp, stated, unopened, write_table
-from toppling.models.files.schemas import BASES, check_run_document, read_scene_document
-from toppling.models.motions.measures import CATALOG, MOTIONS, ensemble_id
+from toppling.models.files.schemas import BASES, check_run_document
+from toppling.models.motions.measures import CATALOG, MOTIONS
 
 CAMPAIGN_FILE, _JOBS_FILE, _RUN_FILE = "campaign.toml", "jobs.parquet", "run.json"
 SITES_FILE, SCENES = "sites.csv", "scenes"
@@ -32,11 +32,6 @@ _WRITTEN_ONCE = (
     *(f"scene/{name}" for name in SCENE_FILES),
     *(f"{place}/{name}" for place in ("ensemble", *_RECORDED_ENSEMBLES) for name in ENSEMBLE_FILES),
 )
-
-NEEDED = tuple(
-    name for name in _WRITTEN_ONCE if not name.endswith((BASES, SITES_FILE)) and not name.startswith("stood/")
-)
-"""Initial files of every run of one rock."""
 
 _CHECKED: dict[Path, tuple[object, ...]] = {}
 """Finished comparisons, with the state of the files at that time."""
@@ -64,7 +59,7 @@ def written_once(run: Path) -> list[str]:
 
 
 def digests_of(run: Path) -> dict[str, str | None]:
-    """Digest of each existing initial file of a run; None for a file without a digest."""
+    """Digest of each existing initial file of a run; None where it carries none any more."""
     return {name: _opened(run / name, stated) for name in written_once(run)}
 
 
@@ -100,8 +95,8 @@ def check_rows(run: Path, paths: Iterable[Path]) -> None:
 
 def check_plan_id(run: Path, path: Path, plan_id: object) -> None:
     """Raise InputError if a file's plan id differs from that of the run in whose folder it lies."""
-    expected = _document(run).get("plan_id") if (run / _RUN_FILE).exists() else None
-    if plan_id is not None and expected is not None and plan_id != expected:
+    expected = _document(run)["plan_id"] if (run / _RUN_FILE).exists() else plan_id
+    if plan_id != expected:
         raise ForeignError(f"is of another run (plan {plan_id}, {run / _RUN_FILE} says {expected})", path)
 
 
@@ -111,7 +106,7 @@ def _stamps(files: Iterable[Path]) -> tuple[object, ...]:
 
 def _document(run: Path) -> dict[str, Any]:
     path = run / _RUN_FILE
-    return check_run_document(_opened(path, read_json), path, whole_document=False)
+    return check_run_document(_opened(path, read_json), path)
 
 
 def _opened(path: Path, read: Callable[[Path], Any]) -> Any:
@@ -122,46 +117,16 @@ def _opened(path: Path, read: Callable[[Path], Any]) -> Any:
 
 
 def _compare(run: Path) -> None:
-    document = _document(run)
-    recorded = document.get("files") or {}
-    here = digests_of(run)
-    for name in recorded.keys() & here.keys():
-        if here[name] != recorded[name]:
-            check(run / name, required=recorded[name] is not None)  # distinguishes damaged from foreign files
-    other = [name for name in here if name in recorded and here[name] != recorded[name]]
-    other += [name for name in here if recorded and name not in recorded]
+    recorded, here = _document(run)["files"], digests_of(run)
+    other = [name for name in here if here[name] != recorded.get(name)]
+    for name in other:
+        check(run / name)  # distinguishes damaged from foreign files
     if other:
         names, several = ", ".join(other), len(other) > 1
         what = "are not those" if several else "is not the one"
         culprit = f"{_RUN_FILE} or they are" if several else "it is"
         place = run if several else run / other[0]
         raise ForeignError(f"{names} {what} that the run was begun with: {culprit} of another run", place)
-    for name, key, found in _ids(run, document, recorded):
-        if found != document[key]:
-            raise ForeignError(
-                f"is of another run ({key} {found}, {_RUN_FILE} says {document[key]})", run / name
-            )
-
-
-def _ids(
-    run: Path, document: Mapping[str, Any], recorded: Mapping[str, Any]
-) -> list[tuple[str, str, object]]:
-    """Ids in files without a recorded digest: name of the file, key of `run.json`, value."""
-    readers: tuple[tuple[str, str, Callable[[Path], object]], ...] = (
-        ("scene/scene.json", "scene_id", lambda path: read_scene_document(path)["id"]),
-        (f"ensemble/{CATALOG}", "ensemble_id", _ensemble_id),
-        (_JOBS_FILE, "jobs", lambda path: pq.read_metadata(path).num_rows if check(path) else None),
-    )
-    return [
-        (name, key, read(run / name))
-        for name, key, read in readers
-        if not recorded.get(name) and key in document and (run / name).exists()
-    ]
-
-
-def _ensemble_id(path: Path) -> str:
-    catalog = read_table(path, columns=["record_id", "sha"])
-    return ensemble_id(zip(*(catalog[name].to_pylist() for name in ("record_id", "sha")), strict=True))
 
 
 def _compare_rows(run: Path, paths: Sequence[Path]) -> None:
@@ -208,9 +173,9 @@ def check_audit(run: Path, folder: Path) -> None:
     drawn, jobs = folder / DRAWN_FILE, folder / _JOBS_FILE
     if drawn.exists():
         check_plan_id(run, drawn, read_json(drawn).get("plan_id"))
-    if jobs.exists() and check(jobs):
-        metadata = pq.read_schema(jobs).metadata or {}
-        check_plan_id(run, jobs, metadata[_PLAN_ID].decode() if _PLAN_ID in metadata else None)
+    if jobs.exists():
+        check(jobs)
+        check_plan_id(run, jobs, (pq.read_schema(jobs).metadata or {}).get(_PLAN_ID, b"").decode())
 
 
 def check_audits(run: Path) -> None:

@@ -77,10 +77,7 @@ _COLUMNS: dict[str, list[tuple[Any, ...]]] = {
     ],
     "cost": [
         ("steps", _COUNT, _MAY, _MANY, "1", "time steps taken; parts cut at impacts or where slip turns count"),
-        (
-            "engine_steps", _COUNT, _MAY, _MANY, "1",
-            "those that the engine took or checked; null before physics version 16",
-        ),
+        ("engine_steps", _COUNT, _MAY, _MANY, "1", "those that the engine took or checked"),
         ("simulated_s", _REAL, _MAY, _SIZE, "s", "time stepped through"),
         ("skipped_s", _REAL, _MAY, _SIZE, "s", "time not stepped through: the rock at rest, or its answer certain"),
         ("wall_s", _REAL, _MAY, _SIZE, "s", "time the job took on its worker"),
@@ -123,12 +120,6 @@ SHORT_NAMES = {
     **{name: measure.short_name for name, measure in MEASURES.items() if measure.short_name},
 }
 """Short names of measures, for print."""
-
-ADDED_LATER = (
-    *("rock", "engine_steps", "cpu", "kernels"),
-    *(name for name, measure in MEASURES.items() if measure.added_later),
-)
-"""Columns that results of this schema version may lack; they are read as null."""
 
 SORT_ORDER = (
     *("record_id", "azimuth_deg", "level_pga_m_s2", "friction_static", "friction_kinetic", "restitution"),

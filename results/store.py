@@ -32,7 +32,7 @@ from toppling.models.files.digest import (
     write_table,
 )
 from toppling.results.run_integrity import ForeignError, check_files, check_rows
-from toppling.results.schema import ADDED_LATER, SCHEMA, SCHEMA_VERSION, SORT_ORDER
+from toppling.results.schema import SCHEMA, SCHEMA_VERSION, SORT_ORDER
 
 _log = logging.getLogger(__name__)
 
@@ -135,20 +135,14 @@ def result_files(run_folder: PathLike, *, set_aside: bool = False) -> list[Path]
     belongs to another run.
     """
     run = Path(run_folder)
-    required = has_digests(run)
     check_files(run)
     files = []
     for path in _listed(run):
         with suppress(FileNotFoundError):  # merged and removed after the folder was listed
-            if _is_ours(path, required, set_aside):
+            if _is_ours(path, set_aside):
                 files.append(path)
     check_rows(run, files)
     return files
-
-
-def has_digests(run: Path) -> bool:
-    """Whether a run's files must have digests because its `run.json` has one; InputError if that is damaged."""
-    return (run / "run.json").exists() and check(run / "run.json")
 
 
 def read_steady(run_folders: Iterable[PathLike], read: Callable[[], _Answer]) -> _Answer:
@@ -224,9 +218,9 @@ def _stamps(runs: Iterable[Path]) -> set[tuple[Path, int, int]]:
     return stamps
 
 
-def _is_ours(path: Path, required: bool, set_aside: bool) -> bool:
+def _is_ours(path: Path, set_aside: bool) -> bool:
     try:
-        check(path, required=required)
+        check(path)
         check_bounds(path)
         schema = pq.read_schema(path)
     except FileNotFoundError:
@@ -260,6 +254,6 @@ def _is_ours(path: Path, required: bool, set_aside: bool) -> bool:
 
 
 def _is_as_declared(schema: pa.Schema, field: pa.Field) -> bool:
-    """Whether a file has a column of the declared type, or may lack it."""
+    """Whether a file has a column of the declared type."""
     place = schema.get_field_index(field.name)
-    return field.name in ADDED_LATER if place < 0 else schema.field(place).type == field.type
+    return place >= 0 and schema.field(place).type == field.type

@@ -88,7 +88,7 @@ class Weights:
         path = run / WEIGHTS_FILE
         if not path.exists():
             raise _no_weights("run.weights_absent", "is not there", path)
-        table = read_table(path, required=True)
+        table = read_table(path)
         try:
             notes = json.loads(table.schema.metadata[_NOTES])
             check_plan_id(run, path, notes.pop("plan_id"))

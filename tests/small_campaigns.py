@@ -9,6 +9,8 @@ from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.plan import plan_of
+from toppling.orchestrator.run_folder import SCHEMA_VERSION
+from toppling.workers.engines import DEFAULT, ENGINES
 
 
 def campaign_in(folder, periods_s=(0.6, 1.0), scene=None, name="P{}", **axes):
@@ -20,6 +22,20 @@ def campaign_in(folder, periods_s=(0.6, 1.0), scene=None, name="P{}", **axes):
     lines = [f"{key} = {json.dumps(value)}\n" for key, value in content.items()]
     (folder / "campaign.toml").write_text("".join(lines))
     return Campaign.read(folder / "campaign.toml")
+
+
+def run_document(**changes):
+    """Content of a `run.json`, with changes."""
+    ids = {"plan_id": "plan", "rock": "rock", "scene_id": "scene", "ensemble_id": "ensemble"}
+    counts = {"schema_version": SCHEMA_VERSION, "jobs": 3, "sessions": [], "files": {}, "settling": None}
+    return {**ids, **counts, "versions": {}, "engine": ENGINES[DEFAULT].citation, **changes}
+
+
+NEEDED = (
+    "campaign.toml", "jobs.parquet", "scene/scene.json", "scene/rock.ply", "scene/pedestal.ply",
+    "ensemble/catalog.parquet", "ensemble/motions.parquet",
+)  # fmt: skip
+"""Initial files of every run of one rock."""
 
 
 def planned_in(folder, *given, **axes):

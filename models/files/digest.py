@@ -3,7 +3,6 @@
 import hashlib
 import io
 import json
-import logging
 import os
 import time
 import zipfile
@@ -20,8 +19,6 @@ from toppling.models.errors import InputError, refusals
 from toppling.models.files import documents
 from toppling.models.files.folder import new_file
 from toppling.models.files.given import END_BYTES, HEAD_BYTES, open_given
-
-log = logging.getLogger(__name__)
 
 KEY = "digest"
 """Name of the digest where a format has names."""
@@ -69,12 +66,11 @@ def stamp(state: os.stat_result) -> tuple[int, ...]:
     return state.st_dev, state.st_ino, state.st_size, state.st_mtime_ns, state.st_ctime_ns
 
 
-def check(path: _PathLike, *, required: bool = False) -> bool:
+def check(path: _PathLike) -> bool:
     """Verify a file by its digest; once, as long as its size and times stay.
 
-    required: refuse a file without a digest; else it is named in the log and taken as it is, as of older versions.
-    Returns whether it carries a digest.
-    Raises InputError if its bytes are not those that were written.
+    Returns whether it carries a digest: JSON need not, from which whoever edits it removes the digest's line.
+    Raises InputError if its bytes are not those that were written, or another file carries no digest.
     Raises FileNotFoundError if there is no such file.
     """
     name = os.path.abspath(path)  # noqa: PTH100  (a link that leads elsewhere is another file)
@@ -86,11 +82,9 @@ def check(path: _PathLike, *, required: bool = False) -> bool:
             sealed = place is not None
             if place is not None and _bytes_at(file, place) != _digest(file, place):
                 raise damaged(path, "its bytes do not have its digest")
-            if not sealed and not required:
-                log.warning("%s carries no digest, as files of earlier versions: taken as it is", path)
             if time.time_ns() - max(state.st_mtime_ns, state.st_ctime_ns) > _UNSETTLED_S * 1e9:
                 _verified[name] = stamp(state), sealed
-    if required and not sealed:
+    if not sealed and Path(path).suffix != ".json":
         raise damaged(path, _why_none(Path(path)))
     return sealed
 
@@ -150,13 +144,13 @@ def write_json(path: Path, content: dict[str, Any]) -> None:
         seal(hidden)
 
 
-def read_json(path: Path, *, required: bool = False) -> Any:
+def read_json(path: Path) -> Any:
     """Content of a JSON file, verified, without its digest.
 
     Raises InputError if it is damaged.
     Raises FileNotFoundError if there is no such file.
     """
-    sealed = check(path, required=required)
+    sealed = check(path)
     content = documents.read_json(path)
     if content.pop(KEY, None) is not None and not sealed:
         raise damaged(path, "its digest is none")
@@ -228,18 +222,15 @@ def write_table(table: pa.Table, path: Path, rows_in_group: int | None = None, *
         writer.write_table(table, row_group_size=rows_in_group)
 
 
-def read_table(path: Path, *, required: bool = False, **how: Any) -> pa.Table:
+def read_table(path: Path, **how: Any) -> pa.Table:
     """Read a Parquet file that the program wrote, by the options of `pyarrow.parquet.read_table`.
 
-    required: refuse a file without a digest.
-    Raises InputError if it is damaged, or cannot be opened.
+    Raises InputError if it is damaged, carries no digest, or cannot be opened.
     Raises FileNotFoundError if there is no such file.
     """
     try:
-        sealed = check(path, required=required)
+        check(path)
         check_bounds(path)
-        if not sealed and KEY.encode() in (pq.read_metadata(path).metadata or {}):
-            raise damaged(path, "its digest is none")
         if how:
             return pq.read_table(path, page_checksum_verification=True, **how)
         # Arrow's data sets, which take columns and schemas, bring pandas along: 45 MB of a worker.

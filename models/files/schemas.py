@@ -32,10 +32,6 @@ _ENGINE = Kind(
         and all(isinstance(value.get(key), str) for key in ("name", "title", "authors", "reference"))
     ),
 )
-_REQUIRED = {
-    "jobs": whole(0, MOST_JOBS),
-    "sessions": [_OBJECT],
-}
 _SETTLING = Kind(
     "an object with a sentence, or null",
     lambda value: (
@@ -55,35 +51,33 @@ _SCENE = {
     "jobs": whole(0, MOST_JOBS),
     "settling": _SETTLING,
 }
-_READ = {
+_RUN = {
     "scenes?": [_SCENE],
     "left_out?": [{"rock": TEXT, "why": TEXT}],
-    "plan_id?": TEXT,
-    "rock?": TEXT,
-    "versions?": _OBJECT,
-    "engine?": _ENGINE,
-    "scene_id?": TEXT,
-    "ensemble_id?": TEXT,
-    "files?": Kind(
+    "jobs": whole(0, MOST_JOBS),
+    "sessions": [_OBJECT],
+    "plan_id": TEXT,
+    "rock": TEXT,
+    "versions": _OBJECT,
+    "engine": _ENGINE,
+    "scene_id": TEXT,
+    "ensemble_id": TEXT,
+    "files": Kind(
         "an object of digests by file name",
         lambda value: (
             isinstance(value, dict) and all(isinstance(text, str | None) for text in value.values())
         ),
     ),
-    "settling?": _SETTLING,
+    "settling": _SETTLING,
 }
 
 
-def check_run_document(
-    document: dict[str, Any], path: Path, *, whole_document: bool = True
-) -> dict[str, Any]:
-    """Content of a `run.json`, if what is read of it is of its kind.
+def check_run_document(document: dict[str, Any], path: Path) -> dict[str, Any]:
+    """Content of a `run.json`, if all that is read of it is there and of its kind.
 
-    whole_document: whether all must be there that goes on with a run; else what is there must be of its kind.
     Raises InputError at the first value that is missing or mistyped, by its name.
     """
-    required = _REQUIRED if whole_document else {f"{key}?": shape for key, shape in _REQUIRED.items()}
-    check_shape(document, {**required, **_READ}, path)
+    check_shape(document, _RUN, path)
     return document
 
 
@@ -151,7 +145,7 @@ _SHAPE: dict[str, Any] = {
         {"azimuth_deg": _AZIMUTH, "value": NUMBER.or_null(), "slides_m_s2?": NUMBER.or_null()},
     ],
     "report": _REPORT,
-    "files?": {f"{name}?": TEXT for name in (*GEOMETRY, LABELS, SCAN_DATA)},
+    "files": {f"{name}?": TEXT for name in (*GEOMETRY, LABELS, SCAN_DATA)},
 }  # fmt: skip
 
 
@@ -189,24 +183,19 @@ def read_scene_document(path: Path) -> dict[str, Any]:
     return document
 
 
-def read_own(folder: Path, names: Iterable[str] = GEOMETRY, *, stated: bool = False) -> dict[str, Any]:
+def read_own(folder: Path, names: Iterable[str] = GEOMETRY) -> dict[str, Any]:
     """Read `scene.json` and verify files beside it: that they are whole, and those that it states.
 
     folder: of a scene.
     names: files to compare; those that are absent are no matter of this check.
-    stated: refuse a scene of an earlier version, which states nothing of its files.
     Raises InputError if one is damaged, or of another scene, by its name; or as :func:`read_scene_document`.
     Raises FileNotFoundError if there is no `scene.json`.
     """
-    sealed = digest.check(folder / "scene.json")
     document = read_scene_document(folder / "scene.json")
-    files = document.get("files", {})
     there = [name for name in names if (folder / name).exists()]
     for name in there:
-        digest.check(folder / name, required=sealed)
-    foreign = [
-        name for name in there if (stated or files) and files.get(name) != digest.stated(folder / name)
-    ]
+        digest.check(folder / name)
+    foreign = [name for name in there if document["files"].get(name) != digest.stated(folder / name)]
     if len(foreign) == 1:
         what = "is of another scene than the scene.json beside it"
         raise _foreign("scene.file_foreign", what, folder / foreign[0])

@@ -98,9 +98,8 @@ class Ensemble:
             if not (path / name).is_file():
                 raise _ensemble_error("ensemble.absent", f"there is no {name}{instead(path)}", path)
         try:
-            sealed = digest.check(path / CATALOG)
             catalog = read_table(path / CATALOG)
-            digest.check(path / MOTIONS, required=sealed)
+            digest.check(path / MOTIONS)
             check_bounds(path / MOTIONS)
             motions = pq.ParquetFile(path / MOTIONS, page_checksum_verification=True)
         except (pa.ArrowException, OSError) as error:
@@ -235,7 +234,7 @@ class Ensemble:
 
 def _check_catalog(catalog: pa.Table, folder: Path) -> None:
     """Refuse a catalogue without a column that is read, or with a gap or repetition where none can be."""
-    measures = [(name, pa.float64()) for name, measure in MEASURES.items() if not measure.added_later]
+    measures = [(name, pa.float64()) for name in MEASURES]
     for name, kind in (*_IDENTITY, *_ORIGIN, ("strong_azimuth_deg", pa.float64()), *measures):
         at = catalog.schema.get_all_field_indices(name)
         if len(at) != 1 or catalog.schema.field(at[0]).type != kind:

@@ -12,7 +12,7 @@ import scipy
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError, check_positive
 from toppling.models.motions.intensity import displacement_m, measure
-from toppling.models.motions.measures import MEASURES, SCALING_POWER
+from toppling.models.motions.measures import SCALING_POWER
 from toppling.models.motions.motion import Motion
 from toppling.models.motions.processing import end_at_rest, high_pass, resample
 from toppling.models.motions.record import Record
@@ -59,11 +59,7 @@ def impose(
 
 def _scaled_intensity(intensity: Mapping[str, float], scale: float, turn_deg: float) -> dict[str, float]:
     """Measures of a motion that is scaled and turned, from those of the motion."""
-    measures = {
-        name: float(intensity[name] * scale**power)
-        for name, power in SCALING_POWER.items()
-        if name in intensity or not MEASURES[name].added_later
-    }
+    measures = {name: float(intensity[name] * scale**power) for name, power in SCALING_POWER.items()}
     toward_deg = intensity["ground_accelerates_toward_deg"] + turn_deg
     measures["ground_accelerates_toward_deg"] = toward_deg % 360.0
     return measures

@@ -22,8 +22,6 @@ class Measure:
     vertical: bool = False
     # OpenQuake's name (hazardlib/imt.py), and the factor from SI to OpenQuake's unit.
     openquake: tuple[str, float] | None = None
-    # Whether catalogues and rows of the present schema version may lack it: they were written before it.
-    added_later: bool = False
 
 
 _IN_G = 1 / STANDARD_G_M_S2

@@ -185,7 +185,7 @@ class CachedScan:
             raise _unusable("scan.not_kept", f"keeps no {SCAN_DATA}", scene)
         if not (scene / "scene.json").is_file():
             raise _unusable("scan.not_kept", "keeps no scene.json", scene)
-        read_own(scene, (*GEOMETRY, LABELS, SCAN_DATA), stated=True)
+        read_own(scene, (*GEOMETRY, LABELS, SCAN_DATA))
         try:
             with zipfile.ZipFile(path) as archive:
                 if sum(member.file_size for member in archive.infolist()) > _MOST_BYTES:

@@ -162,7 +162,7 @@ def audit(work: Work, count: int, auditors: Sequence[_Auditor] | None = None) ->
 
 def check_versions(folder: Path) -> None:
     """Raise InputError if the run was made with another physics version, so that an audit would not be comparable."""
-    there, here = describe(folder).get("versions", {}).get("physics"), dict(versions())["physics"]
+    there, here = describe(folder)["versions"].get("physics"), dict(versions())["physics"]
     if there != here:
         raise InputError(
             "run.versions_differ",

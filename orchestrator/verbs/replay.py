@@ -15,7 +15,6 @@ from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import option
 from toppling.results.reader import Run, open_run
 from toppling.results.schema import SCHEMA, describe
-from toppling.results.store import has_digests
 
 if TYPE_CHECKING:
     from toppling.models.scene import Scene
@@ -109,7 +108,7 @@ _OUTCOME = [
 ]
 
 
-def _rock_of(opened: Run, scene_id: str | None) -> Run:
+def _rock_of(opened: Run, scene_id: str) -> Run:
     """Run of the rock of an atlas that a job shakes, or the run itself."""
     return next((rock for rock in opened.rocks if rock.entry["scene_id"] == scene_id), opened)
 
@@ -131,9 +130,8 @@ def specification(run: Path, job: str) -> "tuple[JobSpec, str]":
             "the folder holds no plan (jobs.parquet)",
             "give the folder that 'toppling run' made",
         )
-    required = has_digests(run)
-    check(run / "campaign.toml", required=required)
-    jobs = read_table(path, required=required)
+    check(run / "campaign.toml")
+    jobs = read_table(path)
     found = jobs.filter(pc.starts_with(jobs.column("job_id"), job)).to_pylist()
     if len(found) != 1:
         what = f"{len(found)} jobs begin with {job!r}" if found else f"no job begins with {job!r}"
@@ -142,8 +140,7 @@ def specification(run: Path, job: str) -> "tuple[JobSpec, str]":
         )
     campaign, (chosen,) = Campaign.read(run / "campaign.toml"), found
     job_id = chosen.pop("job_id")
-    # Plans of earlier versions have a single, unnamed scene.
-    of_rock = _rock_of(opened, chosen.pop("scene_id", None))
+    of_rock = _rock_of(opened, chosen.pop("scene_id"))
     scene, ensemble = Scene.load(of_rock.scene_folder), Ensemble.load(of_rock.ensemble_folder)
     sha = ensemble.sha(chosen["record_id"])
     return JobSpec(scene_id=scene.id, record_sha=sha, **campaign.settings, **chosen), job_id

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, stdtrit
 
 from toppling.models.arrays import Array
-from toppling.models.errors import InputError
 from toppling.models.files.digest import read_json
 from toppling.models.files.documents import finite
 from toppling.results.analysis.fits import answered
@@ -276,12 +275,7 @@ def _half_width(values: Array, typical: float, of_jobs: int) -> float:
 
 def _drawn_from(rows: pd.DataFrame, place: Path) -> pd.DataFrame:
     """Rows that existed when the sample was drawn: later ones could not be drawn."""
-    try:
-        until = datetime.fromisoformat(read_json(place / DRAWN_FILE)["until"])
-    except FileNotFoundError:  # an InputError too
+    until = read_json(place / DRAWN_FILE)["until"]
+    if until is None:
         return rows
-    except InputError:
-        raise
-    except (ValueError, KeyError, TypeError):
-        return rows
-    return rows[rows["finished_at"].isna() | (rows["finished_at"] <= until)]
+    return rows[rows["finished_at"].isna() | (rows["finished_at"] <= datetime.fromisoformat(until))]

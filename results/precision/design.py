@@ -470,7 +470,7 @@ def statements_of(run: Path) -> list[dict[str, Any]]:
     path = run / STATEMENT_FILE
     if not path.exists():
         return []
-    content = read_json(path, required=True)
+    content = read_json(path)
     if not isinstance(content, dict) or content.get("schema_version") != _SCHEMA_VERSION:
         raise InputError(
             "document.schema_version",

@@ -7,6 +7,7 @@ import tracemalloc
 import numpy as np
 import pytest
 from refusals import states
+from small_campaigns import run_document
 
 from toppling.models.errors import InputError
 from toppling.models.files.documents import read_toml
@@ -149,7 +150,7 @@ def test_a_mistyped_value_of_a_scene_is_refused_by_its_place(tmp_path, sound_sce
 @pytest.mark.parametrize("key", ["sessions", "jobs"])
 @pytest.mark.parametrize("value", [None, "text", -1, {}, [7], 1e300, 10**200])
 def test_a_run_that_lacks_or_mistypes_a_value_is_refused_by_its_key(tmp_path, key, value):
-    result = {"schema_version": 1, "jobs": 3, "sessions": [], "plan_id": "p", "versions": {}}
+    result = run_document()
     (tmp_path / "run.json").write_text(json.dumps(result))
     assert describe(tmp_path)["jobs"] == 3
     (tmp_path / "run.json").write_text(json.dumps(result | {key: value}))

@@ -151,7 +151,7 @@ def test_the_digest_of_a_text_inside_does_not_stand_for_the_file(tmp_path):
     outer = tmp_path / "outer.parquet"
     table = pa.table({"a": [1]}).replace_schema_metadata({"zz": inner.read_bytes(), "aa": "x" * 200_000})
     write_table(table, outer)
-    assert digest.check(outer, required=True)
+    assert digest.check(outer)
     assert read_table(outer).schema.metadata[b"zz"] == inner.read_bytes()
 
 
@@ -170,7 +170,7 @@ def test_each_byte_of_a_file_is_covered(tmp_path, suffix, monkeypatch):
     for at in range(len(content)):
         path.write_bytes(content[:at] + bytes([content[at] ^ 1]) + content[at + 1 :])
         with refused("file.damaged"):
-            digest.check(path, required=True)
+            digest.read_json(path) if suffix == ".json" else digest.check(path)
 
 
 @pytest.mark.parametrize(
@@ -185,4 +185,4 @@ def test_a_file_without_a_digest_is_refused_with_what_it_looks_like(content, why
     path = tmp_path / "results.parquet"
     path.write_bytes(content)
     with refused("file.damaged", why):
-        digest.check(path, required=True)
+        digest.check(path)

@@ -7,7 +7,7 @@ import shutil
 import numpy as np
 import pytest
 from refusals import refused
-from small_campaigns import planned_in
+from small_campaigns import NEEDED, planned_in
 
 from toppling.models.errors import InputError
 from toppling.models.files.digest import read_table
@@ -23,7 +23,6 @@ from toppling.orchestrator.status import state_of
 from toppling.orchestrator.task import lost_row, versions
 from toppling.orchestrator.verbs.replay import specification
 from toppling.results.reader import open_run
-from toppling.results.run_integrity import NEEDED
 from toppling.results.store import compact, write_part
 
 SEED = 20260727

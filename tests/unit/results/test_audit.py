@@ -144,6 +144,7 @@ def saved(folder, jobs, again):
     write_part(folder, as_rows(jobs))
     for name in ("reference", "mujoco"):
         (folder / "audit" / name).mkdir(parents=True)
+        (folder / "audit" / name / "drawn.json").write_text('{"until": null}')
         write_part(folder / "audit" / name, as_rows(first(again).assign(preset=name)))
 
 

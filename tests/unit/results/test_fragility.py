@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pandas as pd
 import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
@@ -13,6 +12,7 @@ from refusals import refused
 from scipy.special import ndtr
 from seeded import row, rows
 
+from toppling.models.files.digest import write_table
 from toppling.models.motions.quality import is_beyond
 from toppling.orchestrator.public.fragility_figures import Fragility
 from toppling.results.analysis.fits import answered
@@ -196,7 +196,7 @@ def test_a_run_takes_the_weights_of_its_ensemble(tmp_path):
     names = ["R000", "R001", "R002", "unused"]
     for weights, want in (([1.0, 1.0, 1.0, 1.0], None), ([0.1, 0.2, 0.3, 0.4], {0.5, 1.0, 1.5})):
         catalogue = pa.table({"record_id": names, "weight": weights})
-        pq.write_table(catalogue, tmp_path / "ensemble" / "catalog.parquet")
+        write_table(catalogue, tmp_path / "ensemble" / "catalog.parquet")
         frame = run.weighted(run.frame())
         found = set(frame["record_weight"].round(12)) if "record_weight" in frame else None
         assert found == want

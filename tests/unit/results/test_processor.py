@@ -5,20 +5,14 @@ import re
 import subprocess
 import sys
 
-import pyarrow.parquet as pq
-from seeded import row
-
-from toppling.models.files.digest import write_table
 from toppling.orchestrator.code_identity import processor
-from toppling.results.reader import open_run
-from toppling.results.schema import ADDED_LATER, SCHEMA, describe
-from toppling.results.store import compact, write_part
+from toppling.results.schema import SCHEMA, describe
 
 
 def test_the_processor_and_its_kernels_are_known_here_and_no_part_of_an_answer():
     result = processor()
     assert {describe(SCHEMA.field(name))["group"] for name in result} == {"provenance"}
-    assert set(result) == {"cpu", "kernels"} < set(ADDED_LATER)
+    assert set(result) == {"cpu", "kernels"}
     assert result["cpu"]
     assert re.fullmatch(r"BLAS \S.*, LLVM \S+", result["kernels"])
     assert "unknown" not in result["kernels"]
@@ -46,12 +40,3 @@ print(*before, *(one["num_threads"] for one in threadpool_info() if one["user_ap
         check=True,
     )  # fmt: skip
     assert done.stdout.split() == [str(min(2, os.cpu_count() or 1)), "1", "1"]  # NumPy's and SciPy's
-
-
-def test_results_of_before_these_columns_are_read_with_nulls(tmp_path):
-    part = write_part(tmp_path, [row("a", toppled=True, cpu="of today")])
-    write_table(pq.read_table(part).drop_columns(list(ADDED_LATER)), part)
-    write_part(tmp_path, [row("b", toppled=True, cpu="of today")])
-    for run in (open_run(tmp_path), open_run(compact(tmp_path).parent)):
-        assert sorted(run.table()["cpu"].to_pylist(), key=str) == [None, "of today"]
-        assert run.sql("select count(*) n from results where cpu is null")["n"].to_pylist() == [1]

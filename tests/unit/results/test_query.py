@@ -8,6 +8,7 @@ import pytest
 from click.testing import CliRunner
 from refusals import refused
 from seeded import row, rows
+from small_campaigns import run_document
 
 import toppling.orchestrator.status
 import toppling.results.queries
@@ -17,10 +18,10 @@ from toppling.models.errors import InputError
 from toppling.models.files.digest import write_table
 from toppling.models.scene import Scene
 from toppling.orchestrator.cli import cli
-from toppling.orchestrator.run_folder import SCHEMA_VERSION
 from toppling.orchestrator.status import state_of
 from toppling.results.queries import ask
 from toppling.results.reader import open_run
+from toppling.results.run_integrity import digests_of
 from toppling.results.store import compact, read_steady, write_part
 
 
@@ -65,7 +66,7 @@ def test_parts_that_are_merged_around_a_step_of_a_reading_neither_stop_it_nor_ar
     run_folder, monkeypatch, reader, module, step, before
 ):
     """Merged for real, once, where a run's end may fall."""
-    described = {"schema_version": SCHEMA_VERSION, "jobs": 7, "sessions": []}
+    described = run_document(jobs=7, files=digests_of(run_folder))
     (run_folder / "run.json").write_text(json.dumps(described))
     write_part(run_folder, [row("late")])
     taken = getattr(module, step)

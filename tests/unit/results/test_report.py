@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 from refusals import refused
 from seeded import THETA_M_S, row, rows
-from small_campaigns import planned_in
+from small_campaigns import planned_in, run_document
 
 from toppling.models.files.digest import write_json
 from toppling.orchestrator.cli import cli
@@ -76,7 +76,7 @@ def test_a_curve_over_vertical_pga_never_stands_for_a_run(jobs):
 
 @pytest.mark.parametrize(("engine", "other"), [("pybullet", "Todorov"), ("mujoco", "Coumans")])
 def test_methods_name_and_cite_the_engine_that_shook_and_no_other(tmp_path, engine, other):
-    write_json(tmp_path / "run.json", {"engine": ENGINES[engine].citation})
+    write_json(tmp_path / "run.json", run_document(engine=ENGINES[engine].citation))
     write_part(tmp_path, [row | {"engine": engine} for row in rows(records=3, azimuths=(0.0,))])
     methods, _, cited = methods_section(Content(open_run(tmp_path)), Document())
     written = " ".join([methods["text"], *cited["texts"]])

@@ -211,7 +211,7 @@ def draw_view(axes: Axes, scene: Scene, elevation_deg: float, azimuth_deg: float
     if not scene.pedestal.is_plane or toward @ scene.pedestal.normal > 0:
         surfaces.append(pedestal)
     corner, colour, of_rock = painted(surfaces, frame, scene.pedestal)
-    axes.add_collection(_triangles(corner, colour), autolim=False)
+    axes.add_collection(flat_triangles(corner, colour), autolim=False)
     before_lines = corner[of_rock] if scene.pedestal.is_plane else corner
     for line, dashes, of_line, _ in _interface_lines(scene):
         _draw_line(axes, line @ frame, before_lines, _ON_SURFACE * scene.rock.height_m, dashes, of_line)
@@ -233,7 +233,7 @@ def draw_view(axes: Axes, scene: Scene, elevation_deg: float, azimuth_deg: float
     )  # fmt: skip
 
 
-def _triangles(corners: Array, colours: Array | str) -> PolyCollection:
+def flat_triangles(corners: Array, colours: Array | str) -> PolyCollection:
     """Triangles (n, 3, 3), projected along the third axis, in the order of painting."""
     # Matplotlib makes paths faster from an array than from the sequence that its types require.
     flat = cast("list[Array]", corners[:, :, :2])
@@ -286,7 +286,7 @@ def _interface_lines(scene: Scene) -> list[tuple[Array, str, str, str]]:
 def _draw_plan(axes: Axes, scene: Scene) -> None:
     """Draw the plan: outline of the rock, contact outline, cliff edge, centre of mass, north."""
     projected = scene.rock.vertices_m[scene.rock.faces]
-    axes.add_collection(_triangles(projected[_faces_eye(projected)], _SHADOW_COLOUR), autolim=False)
+    axes.add_collection(flat_triangles(projected[_faces_eye(projected)], _SHADOW_COLOUR), autolim=False)
     for line, dashes, colour, meaning in _interface_lines(scene):
         axes.plot(line[:, 0], line[:, 1], dashes, color=colour, lw=1.3, label=meaning)
     axes.plot(*scene.rock.com_m[:2], "k+", markersize=8, mew=1.3, label="centre of mass")

@@ -1,19 +1,19 @@
 """Output of a replayed shake: table, time series plots, interactive page and animated GIF."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from textwrap import wrap
 
-import matplotlib as mpl
 import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 from matplotlib.axes import Axes
-from matplotlib.colors import to_rgb
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from numpy.typing import NDArray
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from toppling.models.arrays import Array
@@ -24,8 +24,8 @@ from toppling.results.drawing.scene_figures import (
     ARROW_COLOUR,
     ELEVATION_DEG,
     PAGE_HZ,
-    Surface,
     azimuth_across,
+    flat_triangles,
     painted,
     replay_page,
     shown_times,
@@ -40,61 +40,70 @@ _FRAMES_HZ = PAGE_HZ / 2
 """Frame rate, Hz: half of the page's."""
 _MOST_FRAMES = 100
 """Maximum number of frames: a longer shake is played faster, which the heading states."""
-
-WIDTH = 480
-STRIP = 92
-"""Height of the seismogram's strip, pixels."""
-
-_OVERSAMPLING = 2
-"""Factor of resolution at which frames are drawn, to smooth edges."""
-
-
-@dataclass(frozen=True, eq=False)
-class _View:
-    """Constant parts of all frames: the rock's surface and the view."""
-
-    rock: Surface  # about its centre of mass, in the pose of its scene
-    frame: Array  # axes of the view
-    # Centre and half width of the view, along these axes.
-    middle: Array
-    half_m: float
-
-    def pixels(self, seen_m: Array, size: int) -> Array:
-        """Pixel coordinates (..., 2) of points along the view's axes, on a square of `size` pixels."""
-        return 0.5 * size * (1.0 + (seen_m[..., :2] - self.middle) / self.half_m * (1.0, -1.0))
+_FRAME_IN = (4.8, 6.4)
+"""Width and height of a frame, inches of 100 pixels."""
+_ARROW_REACH = 0.6
+"""Length of the strongest acceleration's arrow, as a fraction of the view's half width."""
 
 
 def _moving_picture(replay: Replay, path: Path, title: str) -> None:
     """Write a GIF of the part of a shake in which the rock moves, with title, seismogram and speed."""
     times = shown_times(replay, _FRAMES_HZ, _MOST_FRAMES)
-    position, turn = replay.at(times)
-    tilts = replay.tilts_deg(turn)
-    milliseconds = round(1000 / _FRAMES_HZ)
-    speed = (times[-1] - times[0]) / (len(times) - 1) / (1e-3 * milliseconds)
-    view = _view_of(replay, position)
-    ground = _ground(replay, view)
-    below = _seismogram(replay, times)
-    heading = _heading(title, speed)
-    frames = []
-    for time, centre_m, attitude, tilt in zip(times, position, turn, tilts, strict=True):
-        picture = Image.new("RGB", (WIDTH, heading.height + WIDTH + STRIP), "white")
-        picture.paste(heading, (0, 0))
-        picture.paste(_pose(replay, view, ground, centre_m, attitude, time), (0, heading.height))
-        picture.paste(below, (0, heading.height + WIDTH))
-        draw = ImageDraw.Draw(picture)
-        past = replay.topple_time_s is not None and time >= replay.topple_time_s
-        draw.text(
-            (8, heading.height + 6), f"{time:.2f} s, tilt {tilt:.1f}°" + (", past no return" if past else ""),
-            fill=ALARM_COLOUR if past else "black", font=_font(14),
-        )  # fmt: skip
-        x = _across(time, times)
-        draw.line(
-            [(x, heading.height + WIDTH + 4), (x, heading.height + WIDTH + STRIP - 18)], fill="black", width=2
-        )
-        frames.append(picture.convert("P", palette=Image.Palette.ADAPTIVE, colors=128))
+    position, attitude = replay.at(times)
+    tilts_deg, scene = replay.tilts_deg(attitude), replay.scene
+    rock = smooth_surface(scene.rock.vertices_m - scene.rock.com_m, scene.rock.faces, ROCK_COLOUR)
+    pedestal, frame = surfaces_of(scene)[1], view_frame(ELEVATION_DEG, azimuth_across(replay))
+    speed = _speed_words((times[-1] - times[0]) / (len(times) - 1) * _FRAMES_HZ)
+    with style():
+        figure = Figure(figsize=_FRAME_IN, dpi=100, layout="constrained")
+        canvas = FigureCanvasAgg(figure)
+        figure.suptitle("\n".join([*wrap(title, 62), f"{speed}; arrow: ground's acceleration"]), size=8)
+        view, below = figure.subplots(2, 1, height_ratios=(5, 1))
+        arrows = _set_view(view, replay, position @ frame) * replay.ground_m_s2(times) @ frame
+        label, cursor = view.set_title(" ", loc="left"), _draw_seismogram(below, replay, times)
+        corners, colours, of_rock = painted([rock, pedestal], frame, scene.pedestal)
+        view.add_collection(flat_triangles(corners[~of_rock], colours[~of_rock]), autolim=False)
+        foot = np.append(scene.rock.com_m[:2], scene.pedestal.point_m[2]) @ frame
+        arrow = view.quiver(*foot[:2], 0.0, 0.0, color=ARROW_COLOUR, **_TO_SCALE)
+        figure.draw_without_rendering()
+        figure.set_layout_engine("none")  # all frames have the same
+        for artist in (arrow, label, cursor):
+            artist.set_animated(True)  # drawn in each frame, not on the background
+        canvas.draw()
+        background, pictures = canvas.copy_from_bbox(figure.bbox), []
+        for shown, turn in enumerate(Rotation.from_quat(attitude).as_matrix()):
+            moved_m = position[shown] + rock.vertices_m @ turn.T
+            moved = replace(rock, vertices_m=moved_m, normals=rock.normals @ turn.T)
+            mesh = flat_triangles(*_unless_behind(*painted([moved, pedestal], frame, scene.pedestal)))
+            past = replay.topple_time_s is not None and times[shown] >= replay.topple_time_s
+            remark = ", past no return" if past else ""
+            label.set(text=f"{times[shown]:.2f} s, tilt {tilts_deg[shown]:.1f}°{remark}")
+            label.set(color=ALARM_COLOUR if past else "black")
+            arrow.set_UVC(*arrows[shown, :2])
+            cursor.set_xdata([times[shown]] * 2)
+            canvas.restore_region(background)
+            for artist in (view.add_collection(mesh, autolim=False), arrow, label, cursor):
+                figure.draw_artist(artist)
+            mesh.remove()
+            picture = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+            pictures.append(picture.convert("P", palette=Image.Palette.ADAPTIVE, colors=128))
     # The last pose is shown for a second.
-    durations = [milliseconds] * (len(frames) - 1) + [1000]
-    frames[0].save(path, format="GIF", save_all=True, append_images=frames[1:], duration=durations, loop=0)
+    durations = [round(1000 / _FRAMES_HZ)] * (len(pictures) - 1) + [1000]
+    first, *others = pictures
+    first.save(path, format="GIF", save_all=True, append_images=others, duration=durations, loop=0)
+
+
+_TO_SCALE = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "width": 0.012, "zorder": 3}
+"""Settings of Matplotlib's arrows whose ends are coordinates."""
+
+
+def _unless_behind(corners: Array, colours: Array, of_rock: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Triangles of the rock, and those of its pedestal that may cover it (see `painted`), in the order of painting."""
+    rock = corners[of_rock]
+    covers = corners[:, :, 2].mean(axis=1) > rock[:, :, 2].min()
+    covers &= (corners.max(axis=1) > rock.min(axis=(0, 1)))[:, :2].all(axis=1)
+    covers &= (corners.min(axis=1) < rock.max(axis=(0, 1)))[:, :2].all(axis=1)
+    return corners[of_rock | covers], colours[of_rock | covers]
 
 
 def _speed_words(speed: float) -> str:
@@ -104,130 +113,27 @@ def _speed_words(speed: float) -> str:
     return f"{speed:.1f} times real time" if speed > 1.0 else f"1/{1.0 / speed:.1f} of real time"
 
 
-def _view_of(replay: Replay, position: Array) -> _View:
-    """View across the fall that includes all poses."""
-    rock = replay.scene.rock
-    frame = view_frame(ELEVATION_DEG, azimuth_across(replay))
+def _set_view(axes: Axes, replay: Replay, centres: Array) -> float:
+    """Limit a view to all poses, whose centres (n, 3) are along its axes; length of arrows per acceleration, s²."""
+    rock, motion = replay.scene.rock, replay.motion
     reach = float(np.linalg.norm(rock.vertices_m - rock.com_m, axis=1).max())
-    centres = position @ frame[:, :2]
-    low, high = centres.min(axis=0) - reach, centres.max(axis=0) + reach
-    surface = smooth_surface(rock.vertices_m - rock.com_m, rock.faces, ROCK_COLOUR)
-    return _View(surface, frame, 0.5 * (low + high), 0.5 * float((high - low).max()))
+    low, high = centres[:, :2].min(axis=0) - reach, centres[:, :2].max(axis=0) + reach
+    (x, y), half = 0.5 * (low + high), 0.5 * float((high - low).max())
+    axes.set(aspect="equal", xlim=(x - half, x + half), ylim=(y - half, y + half), xticks=[], yticks=[])
+    axes.set_facecolor("#f4f6f8")
+    return _ARROW_REACH * half / max(float(np.linalg.norm(motion.acceleration_m_s2, axis=1).max()), 1e-9)
 
 
-def _ground(replay: Replay, view: _View) -> tuple[NDArray[np.uint8], Array]:
-    """Colour and depth of the pedestal (see `_drawn`); a plane is always behind the rock."""
-    pedestal = replay.scene.pedestal
-    triangles, colours, of_rock = painted(surfaces_of(replay.scene), view.frame, pedestal)
-    colour, depth = _drawn(view, triangles[~of_rock], colours[~of_rock])
-    return colour, np.full_like(depth, -np.inf) if pedestal.is_plane else depth
-
-
-def _drawn(view: _View, triangles: Array, colours: Array) -> tuple[NDArray[np.uint8], Array]:
-    """Orthographic image of coloured triangles (n, 3, 3), sorted from far to near: colour and depth of each pixel.
-
-    A pixel without a triangle has infinite depth.
-    """
-    size = _OVERSAMPLING * WIDTH
-    image = Image.new("I", (size, size))
-    draw = ImageDraw.Draw(image)
-    for number, outline in enumerate(view.pixels(triangles, size).reshape(-1, 6).tolist(), 1):
-        draw.polygon(outline, fill=number)
-    numbers = np.asarray(image)
-    depth = triangles[:, :, 2].mean(axis=1)
-    shades = (255 * np.concatenate([[to_rgb("#f4f6f8")], colours])).astype(np.uint8)
-    return shades[numbers], np.concatenate([[-np.inf], depth])[numbers]
-
-
-def _pose(
-    replay: Replay,
-    view: _View,
-    ground: tuple[NDArray[np.uint8], Array],
-    centre_m: Array,
-    attitude: Array,
-    time_s: float,
-) -> Image.Image:
-    """Frame of the rock, in front of or behind its pedestal, with the ground's acceleration as an arrow."""
-    turn = Rotation.from_quat(attitude).as_matrix().T
-    rock = replace(
-        view.rock, vertices_m=centre_m + view.rock.vertices_m @ turn, normals=view.rock.normals @ turn
-    )
-    triangles, colours, _ = painted([rock], view.frame, replay.scene.pedestal)
-    colour, depth = _drawn(view, triangles, colours)
-    image = Image.fromarray(np.where((depth > ground[1])[:, :, None], colour, ground[0]))
-    _draw_arrow(ImageDraw.Draw(image), replay, view, time_s, image.width)
-    return image.resize((WIDTH, WIDTH), Image.Resampling.BOX)
-
-
-def _draw_arrow(draw: ImageDraw.ImageDraw, replay: Replay, view: _View, time_s: float, size: int) -> None:
-    motion = replay.motion
-    ground = replay.ground_m_s2(time_s)
-    strongest = max(float(np.linalg.norm(motion.acceleration_m_s2, axis=1).max()), 1e-9)
-    origin = np.append(replay.scene.rock.com_m[:2], replay.scene.pedestal.point_m[2])
-    tip = origin + 0.6 * view.half_m * ground / strongest
-    start, end = view.pixels(np.array([origin, tip]) @ view.frame, size)
-    along = end - start
-    length = float(np.hypot(*along))
-    if length < 6:
-        return
-    unit = along / length
-    head = min(22.0, 0.5 * length)
-    across = np.array([-unit[1], unit[0]]) * 0.5 * head
-    draw.line([tuple(start), tuple(end - head * unit)], fill=ARROW_COLOUR, width=7)
-    draw.polygon(
-        [tuple(end), tuple(end - head * unit + across), tuple(end - head * unit - across)], fill=ARROW_COLOUR
-    )
-
-
-def _heading(title: str, speed: float) -> Image.Image:
-    lines = [*wrap(title, 62), f"{_speed_words(speed)}; arrow: ground's acceleration"]
-    row = sum(_font(13).getmetrics()) + 4  # the spacing of lines that Pillow uses
-    image = Image.new("RGB", (WIDTH, row * len(lines) + 8), "white")
-    draw = ImageDraw.Draw(image)
-    for number, line in enumerate(lines):
-        fill = "black" if number < len(lines) - 1 else "#555555"
-        draw.text((8, 4 + row * number), line, fill=fill, font=_font(13))
-    return image
-
-
-def _seismogram(replay: Replay, times: Array) -> Image.Image:
-    """Plot of the stronger horizontal component over the time shown, with the point of no return."""
-    motion = replay.motion
-    column = int(np.argmax(np.abs(motion.acceleration_m_s2[:, :2]).max(axis=0)))
-    at = np.linspace(times[0], times[-1], 4 * WIDTH)
-    values = replay.ground_m_s2(at)[:, column]
-    peak = max(float(np.abs(values).max()), 1e-9)
-    image = Image.new("RGB", (WIDTH, STRIP), "white")
-    draw = ImageDraw.Draw(image)
-    middle, reach = (STRIP - 18) / 2 + 2, (STRIP - 26) / 2
-    draw.line([(8, middle), (WIDTH - 8, middle)], fill="#cccccc")
-    draw.line(
-        [
-            (_across(time, times), middle - reach * value / peak)
-            for time, value in zip(at, values, strict=True)
-        ],
-        fill="#31688e",
-    )
-    if replay.topple_time_s is not None and times[0] <= replay.topple_time_s <= times[-1]:
-        x = _across(replay.topple_time_s, times)
-        for y in range(4, STRIP - 18, 7):
-            draw.line([(x, y), (x, y + 4)], fill=ALARM_COLOUR, width=2)
-    component = ("east", "north")[column]
-    draw.text(
-        (8, STRIP - 17),
-        f"ground acceleration toward {component}, peak {peak:.2g} m/s²",
-        fill="#444444",
-        font=_font(12),
-    )
-    return image
-
-
-def _across(time: float, times: Array) -> float:
-    return 8 + (time - times[0]) / (times[-1] - times[0]) * (WIDTH - 16)
-
-
-def _font(size: int) -> ImageFont.FreeTypeFont:
-    return ImageFont.truetype(str(Path(mpl.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"), size)
+def _draw_seismogram(axes: Axes, replay: Replay, times: Array) -> Line2D:
+    """Draw the stronger horizontal component over the time shown, and return a cursor."""
+    column = int(np.argmax(np.abs(replay.motion.acceleration_m_s2[:, :2]).max(axis=0)))
+    at = np.linspace(times[0], times[-1], 2000)
+    axes.plot(at, replay.ground_m_s2(at)[:, column], color=COLOURS(0.3), lw=0.6)
+    if replay.topple_time_s is not None:
+        axes.axvline(replay.topple_time_s, color=ALARM_COLOUR, lw=0.8, dashes=(4, 2))
+    axes.set(xlim=(times[0], times[-1]), xlabel="time (s)", ylabel="m/s²")
+    axes.set_title(f"ground acceleration toward {('east', 'north')[column]}", loc="left", size=7, pad=3)
+    return axes.axvline(times[0], color="black", lw=1.0)
 
 
 _COMPONENTS = (("x", "east", "-"), ("y", "north", "--"), ("z", "up", ":"))

@@ -4,7 +4,8 @@
 
 With 140 records these are 21,280 jobs at friction 1 (19 levels, 8 directions), and 2,660 at each of three frictions in
 the direction that topples the rock most easily. The same command goes on where it was stopped. It draws the study's
-figures 6, 9, 10 and 11 with their tables, writes a report, and says what was found of the study's statements.
+figures 6, 9, 10 and 11 with their tables, the two-dimensional reference beside them, writes a report, and says what was
+found of the study's statements.
 """
 
 import argparse
@@ -13,9 +14,10 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
+from plane_sections import draw as draw_sections
 from scipy.stats import spearmanr
 
-from toppling import Campaign, Scene, fragility, open_run, report, run
+from toppling import Campaign, Ensemble, Scene, fragility, open_run, report, run
 
 FRICTIONS = (1.0, 0.8, 0.6)
 
@@ -84,12 +86,8 @@ def main() -> None:
     ).items():
         done = run(campaign, asked.out / name).session
         print(f"{name}: {done.done} jobs in this session")
-        fragility(
-            asked.out / name,
-            asked.out / "figures" / name,
-            directions=asked.directions,
-            reference=name == "main",
-        )
+        fragility(asked.out / name, asked.out / "figures" / name, directions=asked.directions)
+    draw_sections(Scene.load(asked.scene), Ensemble.load(asked.ensemble), asked.out / "figures" / "main")
     main_jobs, lower_jobs = (
         open_run(asked.out / name).frame().dropna(subset=["toppled"]) for name in ("main", "friction")
     )

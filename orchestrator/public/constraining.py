@@ -21,7 +21,7 @@ from toppling.orchestrator.recorded import read_recorded
 from toppling.results.analysis.constraint import Constraint
 from toppling.results.analysis.exchange import read_surface
 from toppling.results.analysis.fits import answered, basis_of
-from toppling.results.analysis.lognormal import SURFACES, Basis, Lognormal, fit
+from toppling.results.analysis.lognormal import PAIR, Basis, Lognormal, fit
 from toppling.results.analysis.resampling import SAMPLES, sampled
 from toppling.results.drawing.report.constraint_page import write_constraint, write_events
 from toppling.results.drawing.sentences import all_words
@@ -97,12 +97,12 @@ class HazardQuestion:
         """Requested measures, two for `pga_m_s2+pgv_m_s`; InputError if unknown, or without a joint fragility."""
         names = tuple(part.strip() for part in self.measure.split("+")) if self.measure else ()
         unknown = any(name not in COMPARED and not is_spectral(name) for name in names)
-        if unknown or (len(names) > 1 and names != SURFACES[0]):
+        if unknown or (len(names) > 1 and names != PAIR):
             raise InputError(
                 "measure.unknown",
                 what=f"{self.measure!r} is not an intensity measure with a fragility",
                 where="--measure",
-                expected=f"one of {', '.join(COMPARED)}; sa_3s_m_s2, any period; or {'+'.join(SURFACES[0])}, "
+                expected=f"one of {', '.join(COMPARED)}; sa_3s_m_s2, any period; or {'+'.join(PAIR)}, "
                 "both together",
                 remedy="leave it out to use that of the hazard, or pgv_m_s",
             )

@@ -1,6 +1,5 @@
 """Maps, curves and fits of a run, written to a folder and returned as tables."""
 
-import contextlib
 import itertools
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
@@ -11,9 +10,6 @@ import pandas as pd
 from toppling.models.caching import Described
 from toppling.models.errors import InputError
 from toppling.models.frames import azimuth_of
-from toppling.models.motions.ensemble import Ensemble
-from toppling.models.pedestal import ContactProperties
-from toppling.models.scene import Scene
 from toppling.orchestrator.public import unseen
 from toppling.orchestrator.run_folder import place_in
 from toppling.results.analysis import FEW
@@ -21,14 +17,11 @@ from toppling.results.analysis import fragility as maps
 from toppling.results.analysis.audit_statistics import Audit, audits_of
 from toppling.results.analysis.exchange import read_curves
 from toppling.results.analysis.fits import answered
-from toppling.results.analysis.fragility import by_surroundings, frictions, least_sector
+from toppling.results.analysis.fragility import by_surroundings, least_sector
 from toppling.results.analysis.lognormal import Lognormal
-from toppling.results.analysis.plane_reference import reference_lines, simulate
 from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.drawing import run_figures
 from toppling.results.reader import Completeness, Run, open_run
-from toppling.results.weights import records_weight
-from toppling.workers.seating import settled
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -103,7 +96,6 @@ def fragility(
     directions: int = maps.DIRECTION_BINS,
     sector: tuple[float | str, float | str] | None = None,
     fit: bool = False,
-    reference: bool = False,
     samples: int = SAMPLES,
     advance: Callable[..., None] = unseen,
 ) -> Fragility:
@@ -125,8 +117,6 @@ def fragility(
         35 degrees around where the least constant acceleration topples the rock to unless given.
     fit : bool
         Fit curves and surfaces too, with so many samples, and rank the intensity measures.
-    reference : bool
-        Draw the lines of 1 and 99 % toppling of a plane section rocking on two corners without slip.
     advance : callable
         Called after each file.
 
@@ -140,15 +130,14 @@ def fragility(
     done, quasi_static, audits = opened.completeness(), opened.quasi_static(), audits_of(opened)
     within = (azimuth_of(sector[0]), azimuth_of(sector[1])) if sector else least_sector(quasi_static)
     planes = maps.planes_of(jobs)
-    lines = _plane_reference(opened, jobs, directions) if reference else None
     folder = Path(out) if out else place_in(opened.path, "fragility")
     contacts = maps.by_contact(jobs)
     # Of a contact: three files per map (over all directions, and by direction), and four of directions.
     maps_and_roses = 3 * sum(1 + plane.by_direction for plane in planes.values()) + 4
-    steps = maps_and_roses + bool(within) + (10 + run_figures.FIT_PARTS) * fit + reference
+    steps = maps_and_roses + bool(within) + (10 + run_figures.FIT_PARTS) * fit
     advance(0, total=len(contacts) * steps + 4 * len(by_surroundings(jobs)))
     drawing = itertools.chain(
-        run_figures.write_maps(jobs, folder, planes.values(), directions, lines, done),
+        run_figures.write_maps(jobs, folder, planes.values(), directions, done),
         run_figures.write_directions(jobs, quasi_static, folder, within, done),
         run_figures.write_friction(jobs, folder, planes["pga_pgv"], done),
         run_figures.write_fits(jobs, folder, opened.rock, samples, advance, done) if fit else (),
@@ -200,24 +189,3 @@ def _jobs(run: Run, where: str | None, *, trusted: bool, weighted: bool) -> pd.D
             remedy="loosen --where" if where else "'toppling status RUN' shows how far the run is",
         )
     return jobs
-
-
-def _at_rest(scene: Scene, jobs: pd.DataFrame) -> Scene:
-    """Scene settled with the jobs' highest friction, as they begin: a scanned rock is rarely exactly at rest."""
-    static, kinetic = frictions(jobs)[-1]
-    with contextlib.suppress(InputError):  # a rock that does not stand keeps its scanned pose
-        return settled(scene.with_contact(ContactProperties(static, kinetic)))
-    return scene
-
-
-def _plane_reference(run: Run, jobs: pd.DataFrame, directions: int) -> pd.DataFrame:
-    scene, ensemble = _at_rest(Scene.load(run.scene_folder), jobs), Ensemble.load(run.ensemble_folder)
-    records, levels = (sorted(jobs[name].unique()) for name in ("record_id", "level_pga_m_s2"))
-    azimuths = [number * 360.0 / directions for number in range(directions)]
-    simulated = simulate(scene, ensemble, records, levels, azimuths)
-    # Records have the same weights as in the cells; bases have none, because the reference has a single one.
-    weight = records_weight(jobs)
-    if weight is None:
-        return reference_lines(simulated)
-    weights = jobs[["record_id"]].assign(record_weight=weight).drop_duplicates("record_id")
-    return reference_lines(answered(simulated.merge(weights)))

@@ -77,7 +77,7 @@ def report(
     out : path or None
         `report.html` in the run's folder unless given; ids, versions and columns go to a JSON file beside it.
     pdf : bool
-        Print the page to PDF too, beside it (with WeasyPrint, Chromium, Chrome or Edge).
+        Print the page to PDF too, beside it (with Chromium, Chrome or Edge).
     age : str or None
         Years that the rock has stood, as for 'toppling constrain': 20000, 15000..30000, 20000+-3000 or a CSV.
     hazard : sequence of str

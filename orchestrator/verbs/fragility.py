@@ -30,7 +30,6 @@ _DRAW = "public.fragility_figures.fragility"
 @of(_DRAW, "--directions", default=DIRECTION_BINS, type=click.IntRange(1, 72))
 @of(_DRAW, "--sector", type=(shared.AZIMUTH, shared.AZIMUTH), metavar="FROM TO")
 @of(_DRAW, "--fit")
-@of(_DRAW, "--reference")
 @shared.samples_option(SAMPLES)
 def fragility(run: Path, out: Path | None, unweighted: bool, **asked: Any) -> None:
     """Draw the fragility maps and curves of RUN (PNG, SVG), with the table behind each (CSV).

@@ -2,7 +2,7 @@
 
 __all__ = [
     "CONFIDENCE", "DIRECTION_BINS", "FEW", "HEADLINE_MEASURE", "SAMPLES", "audit_statistics",
-    "constraint", "exchange", "fits", "fragility", "lognormal", "plane_reference", "resampling", "side_by_side",
+    "constraint", "exchange", "fits", "fragility", "lognormal", "resampling", "side_by_side",
     "unphysical",
 ]  # fmt: skip
 

@@ -275,7 +275,7 @@ def _of_surface_row(row: Mapping[str, Any]) -> Surface:
         return Surface(measures, coefficients, basis)
     found, fitted = _of_samples_text(samples)
     refits = np.array(found).reshape(-1, len(coefficients))
-    return Surface(measures, coefficients, basis, Resampled(refits, fitted, basis.records, reflected=True))
+    return Surface(measures, coefficients, basis, Resampled(refits, fitted, basis.records))
 
 
 def _curves(rows: Iterable[Mapping[str, Any]]) -> list[Lognormal]:
@@ -319,7 +319,7 @@ def _medians_and_betas(text: str, records: int) -> Resampled:
     if not all(len(pair) == 2 and min(pair) > 0 and max(pair) < math.inf for pair in pairs):
         raise ValueError("samples are pairs of median and beta, above zero")
     coefficients = np.array([(-math.log(median) / beta, 1.0 / beta) for median, beta in pairs])
-    return Resampled(coefficients.reshape(-1, 2), fitted, records, reflected=True)
+    return Resampled(coefficients.reshape(-1, 2), fitted, records)
 
 
 def _with_row(curve: Lognormal, row: Mapping[str, Any]) -> Lognormal:

@@ -15,7 +15,7 @@ from toppling.results.analysis.fragility import trials, wilson
 from toppling.results.analysis.lognormal import (
     LEAST_RECORDS,
     NEAR_TIE,
-    SURFACES,
+    PAIR,
     Basis,
     Fit,
     Lognormal,
@@ -94,7 +94,7 @@ def compare_measures(
     Returns DataFrame: best first: measures, brier, log_loss, auc (out of fold), worse_by (log loss minus the best's),
     worse_by_low and worse_by_high (95 %, records resampled; null of fewer than `LEAST_RECORDS`).
     """
-    chosen = measures or [*((name,) for name in COMPARED), SURFACES[0]]
+    chosen = measures or [*((name,) for name in COMPARED), PAIR]
     usable = [tuple(names) for names in chosen if (frame[list(names)].fillna(0.0) > 0).all(axis=None)]
     predictions = {names: out_of_fold(frame, names) for names in usable}
     truth = frame["toppled"].to_numpy(bool)
@@ -184,7 +184,7 @@ def summary(models: Sequence[Fit]) -> pd.DataFrame:
     lines = []
     for model in models:
         line: dict[str, object] = {
-            "measures": " + ".join(model.measures), "link": model.link, "problem": model.problem,
+            "measures": " + ".join(model.measures), "problem": model.problem,
             "jobs": model.jobs, "toppled": model.toppled, "records": model.records,
             "largest_standing": model.bounds[0], "least_toppled": model.bounds[1],
         }  # fmt: skip
@@ -289,10 +289,10 @@ class ContactFits:
         """Fit of each single measure with its samples, in the ranking's order."""
         return [self.fitted([name]) for name in self.measures]
 
-    def fitted(self, measures: Sequence[str], link: str = "probit") -> Fit:
+    def fitted(self, measures: Sequence[str]) -> Fit:
         """Joint fit of some measures, with its bootstrap samples."""
         self.notify(measures)
-        return sampled(self.known, fit(self.known, measures, link), self.samples)
+        return sampled(self.known, fit(self.known, measures), self.samples)
 
     @cached_property
     def curves(self) -> dict[str, Lognormal]:

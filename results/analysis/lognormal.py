@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linprog
-from scipy.special import expit, log_ndtr, ndtr, ndtri, stdtrit
+from scipy.special import log_ndtr, ndtr, ndtri, stdtrit
 
 from toppling.models.arrays import Array
 from toppling.results.analysis import FEW
@@ -146,8 +146,6 @@ class Resampled:
     # probability does not rise.
     fitted: NDArray[np.bool_]
     records: int  # number of earthquakes, or of records, per sample
-    # Whether the coefficients are reflected (`analysis.resampling`): their percentiles already allow for few records.
-    reflected: bool = False
     # Coefficients of the curve averaged over bases, shaped as `coefficients`; None where the jobs are on one base.
     over_records: Array | None = None
 
@@ -162,10 +160,13 @@ class Resampled:
         return (next(found) if has_fit else None for has_fit in self.fitted)
 
     def interval(self, values: Array, level: float = 0.95) -> Array:
-        """Ends (2, ...) of the interval of values (samples, ...), which may be infinite; null without samples."""
-        if self.reflected and len(values):
-            return ends(values, (1.0 - level) / 2)
-        return expanded_interval(values, self.records, level)
+        """Ends (2, ...) of the interval of values (samples, ...), which may be infinite; null without samples.
+
+        The refits are reflected (`analysis.resampling`), so that their percentiles allow for few records.
+        """
+        if not len(values):
+            return np.full((2, *np.shape(values)[1:]), math.nan)
+        return ends(values, (1.0 - level) / 2)
 
     def lognormals(self, measure: str) -> list[Lognormal]:
         """Lognormal fragility of each sample of a fit to one measure, in the order drawn.
@@ -210,13 +211,11 @@ def _interval_parts(interval: tuple[float, float], resampled: Resampled) -> dict
 
 
 def expanded_interval(values: Array, records: int, level: float = 0.95) -> Array:
-    """Ends (2, ...) of the expanded percentile interval of values (samples, ...); null without samples.
+    """Ends (2, ...) of the expanded percentile interval of values (samples, ...).
 
     Bootstrap percentiles are too narrow by sqrt((n - 1) / n) and the ratio of Student's t to the normal quantile; the
     level is raised accordingly (Hesterberg 2015). Ends are values that occur: infinite ones cannot be interpolated.
     """
-    if not len(values):
-        return np.full((2, *np.shape(values)[1:]), math.nan)
     tail = ndtr(-math.sqrt(records / (records - 1)) * stdtrit(records - 1, (1 + level) / 2))
     return ends(values, float(tail))
 
@@ -239,11 +238,8 @@ NEAR_TIE = 1e-6
 """Relative difference below which two intensities are equal: jobs of one level differ by rounding alone."""
 
 
-SURFACES = (("pga_m_s2", "pgv_m_s"), ("pga_m_s2", "pgv_pga_s"))
-"""Pairs of measures that are fitted jointly. On logarithms both are the same model; both are plotted."""
-
-LINKS = {"probit": ndtr, "logit": expit}
-"""Inverse link functions: probability of a linear predictor."""
+PAIR = ("pga_m_s2", "pgv_m_s")
+"""Measures that are fitted jointly. On logarithms the same model holds for PGA and PGV/PGA."""
 
 STEPS = 100
 """Maximum number of steps of a search, such as Fisher scoring."""
@@ -251,16 +247,15 @@ _EPSILON = float(np.finfo(float).eps)
 TOLERANCE = 1e-9
 """Convergence tolerance of a coefficient, relative to the larger of itself and 1."""
 
-_EDGES = {"probit": -float(ndtri(_EPSILON)), "logit": -math.log(_EPSILON)}
+_EDGE = -float(ndtri(_EPSILON))
 """Largest absolute linear predictor; beyond it a probability is clipped, as in statsmodels."""
 
 
 @dataclass(frozen=True)
 class Fit:
-    """A binomial regression on logarithms of intensity measures."""
+    """A probit regression on logarithms of intensity measures."""
 
     measures: tuple[str, ...]
-    link: str  # probit or logit
     # Intercept, then one slope a measure's natural logarithm; empty where there is a problem.
     coefficients: tuple[float, ...]
     jobs: int
@@ -275,8 +270,8 @@ class Fit:
 
     @property
     def lognormal(self) -> Lognormal | None:
-        """Equivalent lognormal fragility of a probit fit to one measure; None for other fits."""
-        if self.problem or self.link != "probit" or len(self.measures) != 1:
+        """Equivalent lognormal fragility of a fit to one measure; None for other fits."""
+        if self.problem or len(self.measures) != 1:
             return None
         curve = replace(_lognormal_of(self.measures[0], *self.coefficients), resampled=self.resampled)
         if self.resampled is None or not len(self.resampled.coefficients):
@@ -289,22 +284,19 @@ class Fit:
 
     @property
     def surface(self) -> Surface | None:
-        """Equivalent fragility surface over the measures of a probit fit; None for other fits."""
-        if self.problem or self.link != "probit":
-            return None
-        return Surface(self.measures, self.coefficients, resampled=self.resampled)
+        """Equivalent fragility surface over the measures; None without a fit."""
+        return None if self.problem else Surface(self.measures, self.coefficients, resampled=self.resampled)
 
     def probability(self, frame: pd.DataFrame) -> Array:
         """Toppling probability of each row's measures."""
-        return LINKS[self.link](design_of(frame, self.measures) @ np.array(self.coefficients))
+        return ndtr(design_of(frame, self.measures) @ np.array(self.coefficients))
 
 
-def fit(frame: pd.DataFrame, measures: Sequence[str], link: str = "probit", least_toppled: int = FEW) -> Fit:
+def fit(frame: pd.DataFrame, measures: Sequence[str], least_toppled: int = FEW) -> Fit:
     """Fit toppling probability to one or several intensity measures by maximum likelihood.
 
     frame: rows of results with an answer (`answered`).
     measures: columns, each positive throughout.
-    link: probit or logit.
     Returns Fit: with a `problem` instead of coefficients where the maximum does not exist (one answer only, or answers
     that a threshold separates, but for those at it: Albert and Anderson 1984), where probability does not rise with
     the one measure, or where too few jobs topple for a curve to be stated.
@@ -312,7 +304,7 @@ def fit(frame: pd.DataFrame, measures: Sequence[str], link: str = "probit", leas
     names = tuple(measures)
     toppled = frame["toppled"].to_numpy(bool)
     counts = {
-        "measures": names, "link": link, "jobs": len(frame), "toppled": int(toppled.sum()),
+        "measures": names, "jobs": len(frame), "toppled": int(toppled.sum()),
         "records": frame["record_id"].nunique(), "bounds": _bounds(frame, names),
     }  # fmt: skip
     if toppled.all() or not toppled.any():
@@ -321,7 +313,7 @@ def fit(frame: pd.DataFrame, measures: Sequence[str], link: str = "probit", leas
     if _separable(design_of(frame, names), toppled):
         return Fit(**counts, coefficients=(), problem=_separation(frame, names))
     groups = grouped(frame, names)
-    coefficients = _regress(design_of(groups, names), groups, link)
+    coefficients = _regress(design_of(groups, names), groups)
     if coefficients is None:
         return Fit(**counts, coefficients=(), problem="the fit does not converge")
     if is_flat(coefficients):
@@ -330,20 +322,6 @@ def fit(frame: pd.DataFrame, measures: Sequence[str], link: str = "probit", leas
         few = f"{counts['toppled']} of {len(frame)} jobs topple, fewer than {least_toppled}"
         return Fit(**counts, coefficients=(), problem=few)
     return Fit(**counts, coefficients=tuple(float(value) for value in coefficients))
-
-
-def softened(frame: pd.DataFrame, measures: Sequence[str]) -> tuple[float, ...] | None:
-    """Coefficients of a probit whose answers are softened by half a job in total, so that separated ones have a fit.
-
-    None where all jobs have the same answer.
-    """
-    toppled = frame["toppled"].astype(float)
-    if toppled.nunique() < 2:
-        return None
-    softening = 0.5 / len(frame)
-    groups = grouped(frame, measures, toppled.clip(softening, 1.0 - softening))
-    found = _regress(design_of(groups, measures), groups, "probit")
-    return None if found is None else tuple(float(value) for value in found)
 
 
 def design_of(frame: pd.DataFrame, measures: Sequence[str]) -> Array:
@@ -370,32 +348,27 @@ def earthquakes(jobs: pd.DataFrame) -> "pd.Series[str]":
     return of_jobs if of_jobs.nunique() >= LEAST_RECORDS else jobs["record_id"]
 
 
-def grouped(
-    frame: pd.DataFrame, measures: Sequence[str], answers: "pd.Series[float] | None" = None
-) -> pd.DataFrame:
+def grouped(frame: pd.DataFrame, measures: Sequence[str]) -> pd.DataFrame:
     """Group jobs of one of the `earthquakes` with equal measures: the same likelihood at a fraction of the cost.
 
     A column `record_weight` (`Run.weighted`) multiplies a job's part of the likelihood: jobs of one record have
-    different weights on bases of different weight. `answers` (0 to 1) replaces whether each job toppled.
+    different weights on bases of different weight.
     """
     weight = frame.get("record_weight", 1.0)
-    jobs = frame.assign(
-        earthquake=earthquakes(frame),
-        trials=weight,
-        share=weight * (frame["toppled"].astype(float) if answers is None else answers),
-    )
+    share = weight * frame["toppled"].astype(float)
+    jobs = frame.assign(earthquake=earthquakes(frame), trials=weight, share=share)
     table = jobs.groupby(["earthquake", *measures], sort=False)[["share", "trials"]].sum()
     return table.assign(share=table["share"] / table["trials"]).reset_index()
 
 
-def _regress(design: Array, groups: pd.DataFrame, link: str) -> Array | None:
+def _regress(design: Array, groups: pd.DataFrame) -> Array | None:
     """Maximum likelihood coefficients; None where the search does not converge."""
     share, trials = (groups[name].to_numpy(float) for name in ("share", "trials"))
-    (found,) = scored(design, share, trials[None], link, np.zeros(design.shape[1]))
+    (found,) = scored(design, share, trials[None], np.zeros(design.shape[1]))
     return found if np.isfinite(found).all() else None
 
 
-def scored(design: Array, share: Array, trials: Array, link: str, start: Array) -> Array:
+def scored(design: Array, share: Array, trials: Array, start: Array) -> Array:
     """Maximum likelihood coefficients for each of several weightings, by Fisher scoring, vectorised.
 
     design: (groups, coefficients).
@@ -408,7 +381,7 @@ def scored(design: Array, share: Array, trials: Array, link: str, start: Array) 
     at = np.tile(start, (len(trials), 1))
     with np.errstate(all="ignore"):  # samples with NaN stay in the search and do not converge
         for _ in range(STEPS):
-            step = _step(design, share, trials[left], link, at)
+            step = _step(design, share, trials[left], at)
             at = at + step
             ended = (np.abs(step) <= TOLERANCE * np.maximum(np.abs(at), 1.0)).all(axis=1)
             found[left[ended]] = at[ended]
@@ -418,17 +391,11 @@ def scored(design: Array, share: Array, trials: Array, link: str, start: Array) 
     return found
 
 
-def _step(design: Array, share: Array, trials: Array, link: str, at: Array) -> Array:
+def _step(design: Array, share: Array, trials: Array, at: Array) -> Array:
     """Fisher scoring step of each sample's coefficients: inverse information times score."""
-    edge = _EDGES[link]
-    predictor = np.clip(at @ design.T, -edge, edge)
-    if link == "probit":
-        probability, slope = ndtr(predictor), np.exp(-(predictor**2) / 2.0) / math.sqrt(2.0 * math.pi)
-        other = ndtr(-predictor)
-    else:
-        probability, other = expit(predictor), expit(-predictor)
-        slope = probability * other
-    weight = trials * slope / (probability * other)
+    predictor = np.clip(at @ design.T, -_EDGE, _EDGE)
+    probability, slope = ndtr(predictor), np.exp(-(predictor**2) / 2.0) / math.sqrt(2.0 * math.pi)
+    weight = trials * slope / (probability * ndtr(-predictor))
     score = (weight * (share - probability)) @ design
     information = np.einsum("sj,ja,jb->sab", weight * slope, design, design, optimize=True)
     information[np.linalg.det(information) == 0.0] = np.nan  # too few jobs for the coefficients

@@ -170,7 +170,7 @@ def bootstrap(
         for _ in fitted_again
     ]).reshape(-1, len(codes))  # fmt: skip
     share, trials = groups["share"].to_numpy(float), groups["trials"].to_numpy(float)
-    quick = refitted(design, share, trials, fitted.link, fitted.coefficients, drawn)
+    quick = refitted(design, share, trials, fitted.coefficients, drawn)
     found = []
     for number, again in enumerate(quick):
         advance()
@@ -181,17 +181,16 @@ def bootstrap(
         fitted_again[number] = True
         found.append(again)
     refits = np.array(found).reshape(-1, design.shape[1])
-    turns = bool(found) and fitted.link == "probit" and len(fitted.measures) <= 2
-    if turns:
+    if found:
         refits = _reflected(np.array(fitted.coefficients), refits, len(records))
     known = design_of(frame, fitted.measures) @ fitted.coefficients
-    spread = base_spread(frame, known) if fitted.link == "probit" else None
+    spread = base_spread(frame, known)
     if spread is None:
-        return Resampled(refits, fitted_again, len(records), turns)
+        return Resampled(refits, fitted_again, len(records))
     rock = str(frame["scene_id"].iloc[0]) if "scene_id" in frame else ""
     shift = spread.drawn(len(refits), np.random.default_rng([seed, zlib.crc32(rock.encode())]))
     on_single_base = (refits + np.outer(shift, np.eye(1, design.shape[1])[0])) / spread.within
-    return Resampled(on_single_base, fitted_again, len(records), turns, refits)
+    return Resampled(on_single_base, fitted_again, len(records), refits)
 
 
 def sampled(
@@ -263,16 +262,15 @@ def _plane(coordinates: Array) -> Array:
 
 
 def refitted(
-    design: Array, share: Array, trials: Array, link: str, start: Sequence[float], weights: NDArray[np.int64]
+    design: Array, share: Array, trials: Array, start: Sequence[float], weights: NDArray[np.int64]
 ) -> Iterator[Array]:
     """Maximum likelihood coefficients for each row of weights; nan where the search does not converge.
 
     design: (groups, coefficients).
     share, trials: (groups,), fraction of each group's jobs that toppled, and number of its jobs.
-    link: probit or logit.
     start: (coefficients,), those of the fit with unit weights.
     weights: (samples, groups), how often each group was drawn.
     """
     block = max(1, AT_ONCE // max(1, len(design)))
     for first in range(0, len(weights), block):
-        yield from scored(design, share, trials * weights[first : first + block], link, np.asarray(start))
+        yield from scored(design, share, trials * weights[first : first + block], np.asarray(start))

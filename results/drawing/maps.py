@@ -68,13 +68,10 @@ def map_figure(jobs: pd.DataFrame, plane: Plane, title: str = "") -> Figure:
     return figure
 
 
-def direction_figure(
-    counted: DirectionCells, title: str = "", reference: pd.DataFrame | None = None
-) -> Figure:
+def direction_figure(counted: DirectionCells, title: str = "") -> Figure:
     """Maps of the direction bins of the vector PGA, clockwise from north, on common axes.
 
     counted: cells by direction; bins without a record are drawn empty.
-    reference: from `analysis.plane_reference.reference_lines`, for a plane of PGV/PGA and PGA.
     """
     plane = counted.plane
     directions = by_compass(k * 360.0 / counted.bins for k in range(counted.bins))
@@ -84,7 +81,6 @@ def direction_figure(
         "Panels: compass direction of the vector PGA; azimuths counter-clockwise from east.",
         _PALE,
         *_left_out(plane, counted.unplaced, 0),
-        *_reference_text(reference),
     ]
     letters = int(LETTERS_PER_IN * FULL_WIDTH_IN)
     caption = [part for line in caption for part in wrap(line, letters, break_on_hyphens=False)]
@@ -97,7 +93,7 @@ def direction_figure(
         apart = {**margins, "wspace": 0.12, "hspace": 0.32}
         grid = figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False, gridspec_kw=apart)
         for axes, direction in zip(grid.flat, directions, strict=False):
-            _draw_direction(axes, counted, direction, reference)
+            _draw_direction(axes, counted, direction)
         _close_grid(grid, len(directions))
         middle = 0.5 * (margins["left"] + margins["right"])
         figure.supxlabel(
@@ -121,9 +117,7 @@ def _close_grid(grid: NDArray[Any], panels: int) -> None:
         grid[lowest, column].tick_params(labelbottom=True)
 
 
-def _draw_direction(
-    axes: Axes, counted: DirectionCells, direction_deg: float, reference: pd.DataFrame | None
-) -> None:
+def _draw_direction(axes: Axes, counted: DirectionCells, direction_deg: float) -> None:
     table, plane = counted.table, counted.plane
     there = table[table["direction_deg"] == direction_deg]
     number = _counted(there, counted.records.get(direction_deg, 0))
@@ -135,8 +129,6 @@ def _draw_direction(
         axes.text(0.5, 0.5, _NO_RECORDS, transform=axes.transAxes, ha="center", va="center", color="0.4")
     axes.xaxis.set_major_locator(MaxNLocator(4, prune="upper"))  # its label would overlap the next panel's
     axes.yaxis.set_major_locator(MaxNLocator(5))
-    if reference is not None:
-        _draw_lines(axes, reference[reference["azimuth_deg"] == direction_deg])
 
 
 def _counted(table: pd.DataFrame, records: int) -> str:
@@ -171,23 +163,6 @@ def _frame_cells(axes: Axes, table: pd.DataFrame, plane: Plane) -> None:
     low, high = table[f"{plane.x.column}_low"], table[f"{plane.x.column}_high"]
     axes.set_xlim(min(0.0, low.min()) if len(low) else 0.0, high.max() if len(high) else 1.0)
     axes.set_ylim(0.0, table[f"{plane.y.column}_high"].max() if len(table) else 1.0)
-
-
-def _draw_lines(axes: Axes, lines: pd.DataFrame) -> None:
-    """Draw the contours of the plane reference model within the cells' frame."""
-    frame = axes.axis()
-    for probability, line in lines.groupby("probability"):
-        dashes = "-" if probability > 0.5 else "--"
-        axes.plot(line["pgv_pga_s"], line["pga_m_s2"], dashes, color="white", lw=2.0)
-        axes.plot(line["pgv_pga_s"], line["pga_m_s2"], dashes, color="black", lw=0.9)
-    axes.axis(frame)
-
-
-def _reference_text(lines: pd.DataFrame | None) -> list[str]:
-    if lines is None or not len(lines):
-        return []
-    low, high = (f"{100 * part:g} %" for part in (lines["probability"].min(), lines["probability"].max()))
-    return [f"Lines: a plane section of the rock topples with {low} (dashed) and {high} (solid)."]
 
 
 def _write_caption(figure: Figure, lines: list[str]) -> None:

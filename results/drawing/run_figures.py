@@ -189,7 +189,7 @@ def fit_words(summary: pd.DataFrame, known: pd.DataFrame) -> str:
     summary: from `analysis.fits.summary`.
     known: rows with an answer that were fitted.
     """
-    curves = summary[(summary["link"] == "probit") & summary["measures"].isin(COMPARED)]
+    curves = summary[summary["measures"].isin(COMPARED)]
     if curves.empty:
         return "no measure is known for every job: there is no fit"
     table = fit_table(curves.reset_index(drop=True), known)
@@ -206,7 +206,6 @@ def write_maps(
     folder: Path,
     planes: Iterable[Plane],
     directions: int = DIRECTION_BINS,
-    reference: pd.DataFrame | None = None,
     run: Completeness | None = None,
 ) -> Iterator[Path]:
     """Write the maps of each plane, over all directions and by direction, and the number of jobs on none.
@@ -214,7 +213,6 @@ def write_maps(
     frame: rows of results; several contacts have a subfolder each.
     folder: output folder, created if absent; files of the same names are replaced.
     directions: number of direction bins of the vector PGA.
-    reference: from `analysis.plane_reference.reference_lines`, drawn over the cells of PGV/PGA and PGA.
     run: completeness of the run; an unfinished run is marked above each figure.
     Yields each file, once it is complete.
     """
@@ -233,10 +231,7 @@ def write_maps(
             stem = target / f"{plane.name}_by_direction"
             left_out.append((stem.name, len(jobs), split.unplaced, outside))
             yield write_csv(split.table, stem.with_name(f"{stem.name}.csv"))
-            lines = reference if plane.name == "pga_pgv_pga" else None
-            if lines is not None:
-                yield write_csv(lines, stem.with_name(f"{stem.name}_reference.csv"))
-            yield from save(direction_figure(split, title, lines), stem, _remark(run))
+            yield from save(direction_figure(split, title), stem, _remark(run))
         counts = pd.DataFrame(left_out, columns=["map", "jobs", "unplaced", "beyond"])
         yield write_csv(counts, target / "unplaced.csv")
 
@@ -321,15 +316,14 @@ def _write_contact(
 
     contact = fits.ContactFits(jobs, samples, run, notify=notify)
     yield write_csv(contact.ranking, target / "measures.csv")
-    both = [names for names in lognormal.SURFACES if set(names) <= set(contact.measures)]
-    parts = len(contact.measures) + len(both) * len(lognormal.LINKS)
-    of_two = [contact.fitted(names, link) for names in both for link in lognormal.LINKS]
-    models = [*contact.models, *of_two]
-    yield write_csv(fits.summary(models), target / "fits.csv")
+    both = set(lognormal.PAIR) <= set(contact.measures)
+    parts = len(contact.measures) + both
+    of_two = [contact.fitted(lognormal.PAIR)] if both else []
+    yield write_csv(fits.summary([*contact.models, *of_two]), target / "fits.csv")
     surfaces = [
         replace(surface, basis=fits.basis_of(jobs, surface.measures[0], run))
         for model in of_two
-        if model.measures == lognormal.SURFACES[0] and (surface := model.surface)
+        if (surface := model.surface)
     ]
     if curves := list(contact.curves.values()):
         for suffix in (".csv", ".json"):

@@ -409,28 +409,15 @@ def provenance(run: Run) -> dict[str, Any]:
 
 
 def write_pdf(text: str, target: Path) -> Path:
-    """Print the page to PDF, with WeasyPrint if it is installed, else with a headless browser.
-
-    Raises InputError if there is neither.
-    """
-    try:
-        from weasyprint import HTML
-    except (ImportError, OSError):  # OSError: its system library Pango is missing
-        return _printed_by_browser(text, target)
-    with new_file(target) as hidden:
-        HTML(string=text).write_pdf(hidden)
-    return target
-
-
-def _printed_by_browser(text: str, target: Path) -> Path:
+    """Print the page to PDF with a headless browser; InputError if there is none."""
     browser = next(filter(None, map(shutil.which, _BROWSERS.split())), None)
     if browser is None:
         raise InputError(
             "package.not_installed",
             "no program that prints to PDF is installed",
             where=str(target),
-            expected="WeasyPrint, or Chromium, Chrome or Edge on the PATH",
-            remedy="'pip install weasyprint' (it needs the system library Pango), or print the page from a browser",
+            expected="Chromium, Chrome or Edge on the PATH",
+            remedy="install one, or print the page from any browser",
         )
     with tempfile.TemporaryDirectory() as folder, new_file(target) as hidden:
         source, printed = Path(folder) / "report.html", Path(folder) / "report.pdf"

@@ -63,8 +63,8 @@ def _moving_picture(replay: Replay, path: Path, title: str) -> None:
         label, cursor = view.set_title(" ", loc="left"), _draw_seismogram(below, replay, times)
         corners, colours, of_rock = painted([rock, pedestal], frame, scene.pedestal)
         view.add_collection(flat_triangles(corners[~of_rock], colours[~of_rock]), autolim=False)
-        foot = np.append(scene.rock.com_m[:2], scene.pedestal.point_m[2]) @ frame
-        arrow = view.quiver(*foot[:2], 0.0, 0.0, color=ARROW_COLOUR, **_TO_SCALE)
+        base = np.append(scene.rock.com_m[:2], scene.pedestal.point_m[2]) @ frame
+        arrow = view.quiver(*base[:2], 0.0, 0.0, color=ARROW_COLOUR, **_TO_SCALE)
         figure.draw_without_rendering()
         figure.set_layout_engine("none")  # all frames have the same
         for artist in (arrow, label, cursor):

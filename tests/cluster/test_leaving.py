@@ -63,7 +63,7 @@ class Joining:
 
 
 @pytest.mark.thorough
-def test_workers_told_to_leave_cost_no_try_and_no_row(scheduler, campaign, undisturbed, faults, tmp_path):
+def test_workers_asked_to_leave_cost_no_try_and_no_row(scheduler, campaign, undisturbed, faults, tmp_path):
     """At random moments one leaves and another joins, until four have left.
 
     Jobs wait longer while a smaller share has left than is done, on a machine where workers start slowly.

@@ -140,7 +140,7 @@ def apart(command, folder):
     return [*unshared, *command] if may else command
 
 
-def test_a_certificate_is_kept_until_its_last_weeks(tmp_path, monkeypatch):
+def test_a_certificate_is_retained_until_its_last_weeks(tmp_path, monkeypatch):
     def written():
         write_key(tmp_path)
         return [path.read_bytes() for path in sorted(tmp_path.iterdir())]

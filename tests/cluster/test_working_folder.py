@@ -91,7 +91,7 @@ def test_no_module_of_the_working_folder_is_executed_by_a_run(compiled, hostile,
 
 
 @pytest.mark.thorough
-def test_reading_strangers_files_executes_nothing_beside_them(hostile):
+def test_reading_strangers_files_executes_nothing_next_to_them(hostile):
     folder, mark = hostile
     (folder / "records").mkdir()
     (folder / "records" / "quake.mseed").write_bytes(b"no miniSEED")

@@ -71,7 +71,7 @@ def test_a_ramp_topples_above_the_static_acceleration_and_the_converged_preset_d
     assert table.loc["reference", ["share_shift", "only_this", "only_reference"]].tolist() == [0.0, 0.0, 0.0]
 
 
-def test_pulses_far_below_and_far_above_what_overturns_a_block_are_told_apart(tmp_path):
+def test_pulses_far_below_and_far_above_what_overturns_a_block_are_distinguished(tmp_path):
     mesh = trimesh.creation.box((0.3, 0.3, 1.0))
     for _ in range(3):
         mesh = mesh.subdivide()

@@ -73,7 +73,7 @@ def click_outline(browser):
 
 
 @needs_driver
-def test_what_a_click_gets_wrong_is_told_with_its_remedy_and_taken_back(page, cloud):
+def test_what_a_click_gets_wrong_is_reported_with_its_remedy_and_taken_back(page, cloud):
     browser, _ = page
     browser.click("[data-mode=daylight]")
     browser.click_at(60, 560)  # the ground in front, far from the rock
@@ -88,7 +88,7 @@ def test_what_a_click_gets_wrong_is_told_with_its_remedy_and_taken_back(page, cl
 
 
 @needs_driver
-def test_what_narrows_most_is_named_and_a_click_goes_there_and_a_false_pull_is_told(page):
+def test_what_narrows_most_is_named_and_a_click_goes_there_and_a_false_pull_is_reported(page):
     browser, _ = page
     first = "document.querySelector('#next button')"
     named = browser.run(f"return {first}.textContent")
@@ -128,7 +128,7 @@ def test_the_plane_is_a_handle_and_a_drag_is_a_hint(page):
 
 
 @needs_driver
-def test_the_base_is_said_by_its_controls_and_touches_alone_once_there_are_three(page):
+def test_the_base_is_stated_by_its_controls_and_touches_alone_once_there_are_three(page):
     browser, _ = page
     least, text = (f"return document.getElementById('{name}').innerText" for name in ("least", "hints"))
     before = browser.run(least)

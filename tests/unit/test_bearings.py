@@ -7,7 +7,7 @@ from toppling.models.frames import WINDS, apart_deg, azimuth_of, compass_deg
 
 
 @pytest.mark.parametrize("bearing", [0, 22.5, 40, 90, 135, 180, 222, 270, 315, 359])
-def test_a_bearing_is_the_same_direction_however_it_is_said(bearing):
+def test_a_bearing_is_the_same_direction_however_it_is_stated(bearing):
     north, east = "N" if bearing <= 90 or bearing >= 270 else "S", "E" if bearing <= 180 else "W"
     fold = bearing if bearing <= 180 else 360 - bearing
     quadrant = f"{north}{fold if fold <= 90 else 180 - fold}{east}"

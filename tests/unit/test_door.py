@@ -33,7 +33,7 @@ def answer(program, folder, **environment):
     return completed.split()[-1]
 
 
-def test_the_door_opens_beside_folders_named_as_the_rooms(folder):
+def test_the_door_opens_next_to_folders_named_as_the_rooms(folder):
     assert answer(OPENS, folder) == "toppling.workers.shaking"
 
 

@@ -80,7 +80,7 @@ def test_an_endless_reader_is_stopped_by_its_processor_time_or_the_clock(
     assert not guarded.READERS
 
 
-def test_one_process_is_kept_and_replaced_when_it_is_gone(reads):
+def test_one_process_is_retained_and_replaced_when_it_is_gone(reads):
     def process():
         return guarded.READERS[0].process.pid
 
@@ -157,7 +157,7 @@ def test_station_xml_names_no_other_file(tmp_path):
         response.responses(station)
 
 
-def test_a_mesh_reads_no_file_beside_it(tmp_path):
+def test_a_mesh_reads_no_file_next_to_it(tmp_path):
     (tmp_path / "rock.obj").write_text("mtllib /etc/hostname\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     assert len(read_triangles(tmp_path / "rock.obj")[1]) == 1
     (tmp_path / "rock.gltf").write_text(

@@ -74,7 +74,7 @@ def test_a_rock_of_a_run_in_a_store_lies_in_the_copy_of_the_run(bucket, monkeypa
     assert not loose.exists()
 
 
-def test_a_bucket_that_is_not_there_is_told(bucket, tmp_path):
+def test_a_bucket_that_is_not_there_is_reported(bucket, tmp_path):
     copy = Copy("s3://no-such-bucket/run", tmp_path / "run")
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "run.json").write_text("{}")
@@ -82,7 +82,7 @@ def test_a_bucket_that_is_not_there_is_told(bucket, tmp_path):
         copy.push()
 
 
-def test_a_kind_of_store_without_its_package_is_told(tmp_path):
+def test_a_kind_of_store_without_its_package_is_reported(tmp_path):
     with refused("store.kind_unknown"):
         Copy("smb://server/share/run", tmp_path / "run")
 
@@ -138,7 +138,7 @@ def test_of_many_that_come_at_once_exactly_one_writes(machine):
     assert (len(won), len(refused)) == (1, 5)
 
 
-def test_a_killed_writer_leaves_its_claim_which_is_taken_over_only_when_told(machine, address):
+def test_a_killed_writer_leaves_its_claim_which_is_taken_over_only_when_asked(machine, address):
     first = machine("first")
     stopped = first.sole_writer()
     stopped.__enter__()
@@ -228,7 +228,7 @@ def test_an_object_that_the_store_always_cuts_short_is_an_error_and_not_recorded
     assert there(address) == {"a": "all of it"}
 
 
-def test_figures_of_a_run_that_another_writes_are_kept_here_and_the_writer_named(machine, address):
+def test_figures_of_a_run_that_another_writes_are_retained_here_and_the_writer_named(machine, address):
     reader = machine("reader")
     with machine("writer").sole_writer():
         reader.pull()

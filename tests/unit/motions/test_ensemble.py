@@ -63,7 +63,7 @@ def test_a_catalogue_of_other_motions_is_refused(ensemble, made, tmp_path):
         Ensemble.load(other.folder)
 
 
-@pytest.mark.parametrize("column", MEASURES)
+@pytest.mark.parametrize("column", list(MEASURES))
 def test_a_catalogue_without_a_measure_that_rows_have_is_refused(ensemble, tmp_path, column):
     shutil.copytree(ensemble.folder, tmp_path / "e")
     path = tmp_path / "e" / CATALOG

@@ -61,7 +61,7 @@ def at(place, value):
         (at((217, 1), 20.0), "record.spike"), (at((slice(150, 230), 0), 0.0), "record.filled_gap")
     ],
 )  # fmt: skip
-def test_what_no_ground_does_is_doubted_with_its_file_and_read_if_asked_for(change, code, tmp_path):
+def test_what_no_ground_does_is_questioned_with_its_file_and_read_if_asked_for(change, code, tmp_path):
     peer(tmp_path, change(shaking()))
     left_out(imported(tmp_path), code, ".AT2:5")
     assert imported(tmp_path, doubtful=True).records
@@ -82,7 +82,7 @@ def test_two_records_that_are_one_are_found_at_any_two_time_steps(step_s, tmp_pa
 
 
 @pytest.mark.parametrize("names", [("peer", "esm"), *((n, n) for n in ("peer", "esm", "cosmos_v2", "knet"))])
-def test_a_record_that_is_given_twice_is_kept_once_unless_folders_are_sites(names, tmp_path):
+def test_a_record_that_is_given_twice_is_retained_once_unless_folders_are_sites(names, tmp_path):
     for folder, name in zip("ab", names, strict=True):
         (tmp_path / folder).mkdir()
         WRITERS[name](tmp_path / folder, shaking())
@@ -110,7 +110,7 @@ def test_horizontals_along_one_line_are_refused_and_oblique_ones_resolved(tmp_pa
     assert np.allclose(x * np.sin(np.pi / 6) + y * np.cos(np.pi / 6), a[:, 1], atol=1e-6)
 
 
-def test_one_azimuth_alone_turns_nothing_and_is_told(tmp_path):
+def test_one_azimuth_alone_turns_nothing_and_is_reported(tmp_path):
     tabled(one_column(tmp_path, shaking()), unit="gal", dt="0.01", h1_azimuth="40", processing="corrected")
     rename = {"STA2_E": "a", "STA2_N": "b"}
     outcome = renamed(tmp_path, rename)
@@ -239,7 +239,7 @@ def test_columns_are_left_if_they_are_called_corrected_or_do_not_drift(added_m_s
         assert np.abs(record.motion.acceleration_m_s2 - a - added_m_s2).max() < 1e-6  # as it was printed
 
 
-def test_a_record_that_still_drifts_after_processing_is_told(tmp_path):
+def test_a_record_that_still_drifts_after_processing_is_reported(tmp_path):
     columns(tmp_path, np.outer(np.sin(np.pi * np.linspace(0.0, 1.0, 1000)) ** 2, [1.0, 0.8, 0.4]))
     outcome = imported(tmp_path, process=True)
     assert [record.quality for record in outcome.records] == ["drifting"]
@@ -335,7 +335,7 @@ def test_one_file_given_as_two_components_is_refused(sign, tmp_path):
 
 
 @pytest.mark.parametrize(("step_factor", "expected"), [(0.1, True), (1.0, False), (10.0, True)])
-def test_a_time_step_in_error_by_a_factor_of_ten_is_told_by_the_pulses_length(step_factor, expected):
+def test_a_time_step_in_error_by_a_factor_of_ten_is_reported_by_the_pulses_length(step_factor, expected):
     a = 0.1 * shaking()
     pgv_m_s = np.abs(np.cumsum(a[:, 0]) * STEP_S).max()
     found = warnings_of({"pgv_pga_s": pgv_m_s * step_factor / np.abs(a[:, 0]).max()})

@@ -212,7 +212,7 @@ def test_horizontals_without_bearings_are_in_the_order_of_their_labels(names, tm
     check_same(import_records([written(tmp_path, text)], options=AS_IT_IS), north_known=False)
 
 
-def test_text_that_tells_of_another_quantity_is_told(tmp_path):
+def test_text_that_tells_of_another_quantity_is_reported(tmp_path):
     text = "# Velocity time history\n# Vs30: 400\nt,E,N,Z\n" + rows()
     (warned,) = [text for _, text in by_table(written(tmp_path, text)).warnings]
     assert "Velocity time history" in warned
@@ -221,7 +221,7 @@ def test_text_that_tells_of_another_quantity_is_told(tmp_path):
     ).warnings
 
 
-def test_an_azimuth_of_the_table_counts_and_is_told_where_the_file_says_another(tmp_path):
+def test_an_azimuth_of_the_table_counts_and_is_reported_where_the_file_says_another(tmp_path):
     outcome = by_table(written(tmp_path, f"{NAMED}\n" + rows()), h1_azimuth="0", h2_azimuth="90")
     check_same(outcome, A[:, [1, 0, 2]])
     result = [set(text.replace(",", "").split()) for _, text in outcome.warnings]

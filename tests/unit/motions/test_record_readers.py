@@ -438,7 +438,7 @@ def test_the_step_is_found_whatever_the_digits_of_the_times(step_s, digits, tmp_
         ("pairs_v1", "NO. OF POINTS =  {:5d}"),
     ],
 )  # fmt: skip
-def test_a_count_that_is_a_little_off_is_told_and_the_rows_are_read(name, spoken, off, tmp_path):
+def test_a_count_that_is_a_little_off_is_reported_and_the_rows_are_read(name, spoken, off, tmp_path):
     edited(tmp_path, name, (spoken.format(COUNT), spoken.format(COUNT + off)))
     outcome = imported(tmp_path)
     record = only(outcome)
@@ -570,7 +570,7 @@ def test_samples_of_sac_that_are_not_finite_are_refused(bad, tmp_path):
         (1e9, 1e9, 1.0, ("1e+09 m/s2",)), (2e-4, 2e-5, None, ("0.0002 m/s2", "unit")),
     ],
 )  # fmt: skip
-def test_a_peak_beyond_nature_is_told_with_the_unit_that_would_explain_it(pga, pgv, unit, expected):
+def test_a_peak_beyond_nature_is_reported_with_the_unit_that_would_explain_it(pga, pgv, unit, expected):
     found = warnings_of({"pga_m_s2": pga, "pgv_m_s": pgv}, unit)
     assert bool(found) is bool(expected)
     assert all(text in found[0] for text in expected)

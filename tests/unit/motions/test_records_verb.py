@@ -61,7 +61,7 @@ def test_import_takes_what_files_do_not_say_from_the_table_and_hints_at_one(tmp_
     assert not (tmp_path / "b").exists()
 
 
-def test_import_replaces_an_ensemble_only_when_told(tmp_path):
+def test_import_replaces_an_ensemble_only_when_asked(tmp_path):
     folder = given(tmp_path, "esm")
     run("import", folder, "--out", tmp_path / "out")
     again = run("import", folder, "--out", tmp_path / "out", expect=1)
@@ -90,7 +90,7 @@ def test_a_selection_of_a_weighted_ensemble_keeps_its_weights(made, tmp_path):
     assert near.catalog["weight"] == weighted.catalog["weight"]
 
 
-def test_import_resamples_when_told_and_keeps_what_both_steps_can_hold(tmp_path):
+def test_import_resamples_when_asked_and_keeps_what_both_steps_can_hold(tmp_path):
     folder = given(tmp_path, "peer")
     run("import", folder, "--out", tmp_path / "own")
     run("import", folder, "--out", tmp_path / "finer", "--time-step", 0.0025)
@@ -249,7 +249,7 @@ A_DAY = ("--start", "2019-07-06", "--end", "2019-07-07")
         (["--stations", "CLC", *A_DAY], "fetch.station_unreadable", "CLC"),
     ],
 )
-def test_what_the_service_does_not_have_is_said(service, arguments, code, named, tmp_path):
+def test_what_the_service_does_not_have_is_stated(service, arguments, code, named, tmp_path):
     result = fetched("--service", service, *arguments, "--out", tmp_path / "e")
     states(str(result.exception), code, named)
 

@@ -52,7 +52,7 @@ def test_a_scheduler_of_ours_that_is_lost_is_not_waited_for(monkeypatch):
         (errno.EIO, "run"),
     ],
 )  # fmt: skip
-def test_what_a_disk_or_a_limit_refuses_is_told_as_that_at_once(number, path, cluster, monkeypatch):
+def test_what_a_disk_or_a_limit_refuses_is_reported_as_that_at_once(number, path, cluster, monkeypatch):
     client = SimpleNamespace(status="running", cluster=cluster)
     refused = OSError(number, os.strerror(number), *([path] if path else []))
 
@@ -121,7 +121,9 @@ def test_a_worker_that_would_do_another_job_than_the_one_asked_is_unfit(batch):
 
 
 @pytest.mark.parametrize("cluster", [None, object()], ids=["somebody else's", "a batch system's"])
-def test_a_minute_without_workers_is_told_once_with_the_address_and_the_remedy(cluster, monkeypatch, caplog):
+def test_a_minute_without_workers_is_reported_once_with_the_address_and_the_remedy(
+    cluster, monkeypatch, caplog
+):
     now, workers = [0.0], {}
     client = SimpleNamespace(
         cluster=cluster, scheduler=SimpleNamespace(address="tcp://node1:8786"), nthreads=lambda: workers

@@ -65,7 +65,7 @@ SLENDER, SOUND = Scene.block(0.02, 0.2, 0.6), [2, 4, 8]
         (SOUND, {"scene": UNSEEN, "first_realisation": 3}, None),
     ],
 )
-def test_each_slip_is_told_once_and_a_sound_campaign_is_warned_of_nothing(levels, asked, want):
+def test_each_slip_is_reported_once_and_a_sound_campaign_is_warned_of_nothing(levels, asked, want):
     found = warned(levels, **asked)
     assert [want in sentence for sentence in found] == [True] * (want is not None)
 
@@ -81,7 +81,7 @@ def shaken(ensemble, levels, **more):
     return shaking_warnings(campaign_at(levels, **more), ensemble)
 
 
-def test_shaking_beyond_nature_is_told_with_factor_velocity_and_displacement(weak):
+def test_shaking_beyond_nature_is_reported_with_factor_velocity_and_displacement(weak):
     (out,) = shaken(weak, [4.0, 60.0], records=["strong"])
     assert out.startswith("50 % of the jobs shake beyond what was ever recorded")
     own = weak.record("strong").intensity

@@ -126,7 +126,7 @@ def test_a_rock_that_is_there_under_two_names_is_refused(folder, tmp_path):
         plan_of(Campaign.of(content, tmp_path))
 
 
-def test_a_scene_that_cannot_be_read_is_left_out_and_told(folder, tmp_path):
+def test_a_scene_that_cannot_be_read_is_left_out_and_reported(folder, tmp_path):
     Scene.block(0.1, 0.2, 0.7).save(tmp_path / "broken")
     (tmp_path / "broken" / "rock.ply").write_bytes(b"ply\n")
     content = {"scenes": [str(folder / "scenes" / "*"), "broken"], "ensemble": str(folder / "quakes"), **AXES}

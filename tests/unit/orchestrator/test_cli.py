@@ -75,7 +75,9 @@ def test_wrong_usage_ends_with_code_2_and_names_the_option(words, tmp_path, monk
         (ValueError("A dask config file at '/etc/dask/x.yaml' is malformed"), "correct the file"),
     ],
 )  # fmt: skip
-def test_what_the_system_or_its_settings_lack_is_told_without_a_traceback(error, want, monkeypatch, capsys):
+def test_what_the_system_or_its_settings_lack_is_reported_without_a_traceback(
+    error, want, monkeypatch, capsys
+):
     def fails(**_: str) -> None:
         raise error
 

@@ -49,7 +49,7 @@ CLOSED = "--no-dashboard --dashboard-address 127.0.0.1:0"
 
 
 @pytest.mark.parametrize("file", ["docker-compose.yml", "docs/guide/cluster.md"])
-def test_workers_are_told_to_be_started_with_their_pages_closed(file):
+def test_workers_are_asked_to_be_started_with_their_pages_closed(file):
     text = (ROOT / file).read_text("utf-8").replace("$closed", CLOSED)
     commands = [line for line in text.splitlines() if re.search("dask worker (tcp|tls|--)", line)]
     assert commands
@@ -63,7 +63,7 @@ def test_workers_are_told_to_be_started_with_their_pages_closed(file):
         ("tcp://127.0.0.1:8786", False), ("tcp://[::1]:8786", False), ("tls://10.0.0.1:8786", False),
     ],
 )  # fmt: skip
-def test_a_scheduler_that_lets_in_anybody_beyond_this_machine_is_told(address, warns, caplog):
+def test_a_scheduler_that_lets_in_anybody_beyond_this_machine_is_reported(address, warns, caplog):
     _warn_of_open_door(address)
     assert ("asks for no key" in caplog.text) is warns
 
@@ -116,7 +116,7 @@ def test_an_interface_that_this_host_lacks_is_refused_with_the_names_of_those_th
     check_queue_refused("cluster.queue_unconfigured", "ib17", tmp_path, "ib17", "'lo'", "scheduler-options")
 
 
-def test_a_batch_system_that_takes_no_job_is_told_in_one_line(tmp_path, monkeypatch):
+def test_a_batch_system_that_takes_no_job_is_reported_in_one_line(tmp_path, monkeypatch):
     (tmp_path / "sbatch").write_text("#!/bin/sh\necho no such partition >&2\nexit 1\n")
     (tmp_path / "sbatch").chmod(0o755)
     monkeypatch.setenv("PATH", str(tmp_path), prepend=":")

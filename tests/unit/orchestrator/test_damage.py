@@ -94,7 +94,7 @@ def victims(runs):
 @pytest.mark.thorough
 @pytest.mark.parametrize("count", [150, pytest.param(10_000, marks=pytest.mark.slow)])
 @pytest.mark.timeout(1800)
-def test_a_flipped_bit_or_a_lost_end_of_any_file_is_told_or_without_effect(runs, count, caplog):
+def test_a_flipped_bit_or_a_lost_end_of_any_file_is_reported_or_without_effect(runs, count, caplog):
     chance = random.Random(SEED + count)
     files = list(victims(runs))
     names = {name for _, name in files}

@@ -85,7 +85,7 @@ def test_it_is_raised_once_and_no_more_while_the_program_ends():
     assert ended(work) == (130, "ended in order\n", "stopped\n")
 
 
-def test_what_fails_by_itself_is_told():
+def test_what_fails_by_itself_is_reported():
     code, _, result = ended("raise AssertionError('a defect')")
     assert code == 1
     assert "a defect" in result
@@ -145,7 +145,7 @@ def test_under_nohup_a_terminal_that_closes_stops_nothing():
 
 
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
-def test_a_verb_that_is_told_to_end_says_one_line(name, tmp_path):
+def test_a_verb_that_is_asked_to_end_says_one_line(name, tmp_path):
     program = f"""
         import signal, sys, time
         signal.signal(signal.{name}, signal.SIG_DFL)

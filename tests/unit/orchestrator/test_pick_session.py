@@ -126,7 +126,7 @@ def test_a_page_that_is_owed_an_answer_is_never_idle(picking, work):
     assert picking.state()["stage"] in ("starting", "splitting")
 
 
-def test_a_refusal_is_told_and_goes_with_the_next_hint(picking, work, written):
+def test_a_refusal_is_reported_and_goes_with_the_next_hint(picking, work, written):
     work.go.set()
     until(picking, lambda state: state["current"])
     work.refused.add(NEAR[1].near)
@@ -148,7 +148,7 @@ def test_a_refusal_is_told_and_goes_with_the_next_hint(picking, work, written):
     assert until(picking, lambda state: state["current"])["error"] is None
 
 
-def test_what_is_saved_is_what_was_said_last(picking, work, written):
+def test_what_is_saved_is_what_was_stated_last(picking, work, written):
     until(picking, lambda state: state["stage"] == "splitting")
     picking.say(NEAR[3])
     picking.save()
@@ -160,7 +160,7 @@ def test_what_is_saved_is_what_was_said_last(picking, work, written):
 
 
 @pytest.mark.parametrize("up", [*AXES, "0.2,1,-3"])
-def test_ends_of_a_length_are_told_in_coordinates_of_the_model(up):
+def test_ends_of_a_length_are_reported_in_coordinates_of_the_model(up):
     rng = np.random.default_rng(5)
     model = rng.normal(size=(4, 3))
     placement = placement_of(up, ((0, 0, 0), (3, 0, 0), 1.2))

@@ -109,7 +109,7 @@ def test_a_record_that_is_not_there_is_named(campaign):
         planned(campaign, records=("P1", "P9"))
 
 
-def test_a_record_too_coarse_for_the_band_it_is_said_to_have_is_named(campaign):
+def test_a_record_too_coarse_for_the_band_it_is_stated_to_have_is_named(campaign):
     step_s = max(Ensemble.load(campaign.ensemble).catalog["time_step_s"].to_pylist())
     planned(campaign, unmeasured=Unmeasured(band_hz=0.499 / step_s, above_band=(0.0, 0.6)))
     with refused("motion.step_too_coarse"):

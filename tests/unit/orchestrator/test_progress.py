@@ -11,7 +11,7 @@ from toppling.orchestrator.terminal import Advance, bar, duration, pace, pace_an
 
 
 @pytest.mark.parametrize(("done", "elapsed_s"), [(10, 2.0), (10, 400.0), (2000, 4.0)])
-def test_the_time_left_agrees_with_the_rate_beside_it(done, elapsed_s, monkeypatch):
+def test_the_time_left_agrees_with_the_rate_next_to_it(done, elapsed_s, monkeypatch):
     monkeypatch.setattr(time, "monotonic", lambda: elapsed_s)
     shown = Advance("shaking", 4320.0, 320.0 + done, before=320.0, began=0.0)
     run = RunProgress(total=4320, before=320, began=0.0)
@@ -22,7 +22,7 @@ def test_the_time_left_agrees_with_the_rate_beside_it(done, elapsed_s, monkeypat
     assert shown.left == f"{duration((4000 - done) / run.rate)} left"
 
 
-def test_an_activity_is_told_as_it_begins(capsys):
+def test_an_activity_is_reported_as_it_begins(capsys):
     with watcher() as watch:
         for what in (COMPILING, COMPILING, "shaking"):
             watch(RunProgress(total=1288, before=0, what=what))

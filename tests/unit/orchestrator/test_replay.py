@@ -79,7 +79,7 @@ def test_a_job_seen_again_has_the_answer_and_the_way_of_the_run(replayed):
 
 
 @pytest.mark.thorough
-def test_an_answer_that_is_not_the_runs_is_said_and_ends_with_1(run, tmp_path):
+def test_an_answer_that_is_not_the_runs_is_stated_and_ends_with_1(run, tmp_path):
     folder, rows = run
     other = tmp_path / "run"
     for name in ("scene", "ensemble", "jobs.parquet", "campaign.toml", "run.json"):
@@ -100,7 +100,7 @@ def test_what_names_no_single_job_is_refused(run, tmp_path, job):
     assert not (tmp_path / "out").exists()
 
 
-def test_seismograms_are_judged_as_they_are_and_beside_their_neighbours(scene, tmp_path):
+def test_seismograms_are_judged_as_they_are_and_next_to_their_neighbours(scene, tmp_path):
     # Below the uplift a block rests, whatever the pulse; three times of it overturn one of this size within 2 s.
     strengths = {"far-below": 0.7, "far-above": 3.0}
     made = [record(name, factor * UPLIFT_M_S2) for name, factor in strengths.items()]

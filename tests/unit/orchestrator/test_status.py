@@ -32,7 +32,7 @@ def rows(planned, reasons):
     return [row | {"attempt": 1} for row in lost]
 
 
-def test_the_same_failure_of_many_jobs_is_told_once_with_their_number(planned, tmp_path):
+def test_the_same_failure_of_many_jobs_is_reported_once_with_their_number(planned, tmp_path):
     reasons = [("crashed", "died"), *[("failed", "it falls")] * 9, ("ok", ""), ("failed", "InputError: it")]
     stored = rows(planned, [*reasons, ("failed", "ended")])
     write_part(tmp_path / "run", [*stored[:-1], stored[-1] | {"ended_by": "left_ground"}])
@@ -59,7 +59,7 @@ def test_the_rate_is_that_of_the_last_minute_of_stored_rows(planned, tmp_path):
     assert state["left_s"] == pytest.approx((15 - 12) / state["rate_per_s"])
 
 
-def test_workers_are_told_while_the_session_goes_on_and_no_longer(planned, tmp_path):
+def test_workers_are_reported_while_the_session_goes_on_and_no_longer(planned, tmp_path):
     run = tmp_path / "run"
     write_part(run, rows(planned, [("crashed", "died")] * 4 + [("ok", "")] * 11))
     with session(run), journal(run):

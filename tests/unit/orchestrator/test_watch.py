@@ -70,7 +70,7 @@ def state(server):
     return json.loads(asked(server, f"/{server.secret}/state.json")[1])
 
 
-def test_the_page_is_told_progress_failures_cells_and_the_latest_topplings(server):
+def test_the_page_shows_progress_failures_cells_and_the_latest_topplings(server):
     state_now = state(server)
     assert (state_now["jobs"], state_now["stored"], state_now["state"]) == (12, 7, "interrupted")
     assert [(failure["jobs"], failure["message"]) for failure in state_now["failures"]] == [(1, STRANGE)]

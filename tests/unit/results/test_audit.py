@@ -123,7 +123,7 @@ def test_no_flip_in_a_sample_leaves_an_interval_and_no_shift():
     assert audit.agrees
 
 
-def test_a_second_answer_of_always_toppled_is_told_as_a_lean_to_standing():
+def test_a_second_answer_of_always_toppled_is_reported_as_a_lean_to_standing():
     jobs, _ = population(6, records=12)
     again = jobs.assign(toppled=pd.array(jobs["toppled"] | (jobs["pga_m_s2"] > 5), "boolean"))
     audit = compare("mujoco", jobs, first(again))

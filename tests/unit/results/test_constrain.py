@@ -75,7 +75,7 @@ def test_of_several_contacts_one_is_chosen_with_all_that_its_own_run_tells(tmp_p
 
 
 @pytest.mark.usefixtures("empty_figures")
-def test_branches_are_kept_or_rejected_and_weighted_anew(tmp_path, curves, hazards):
+def test_branches_are_retained_or_rejected_and_weighted_anew(tmp_path, curves, hazards):
     folder = tmp_path / "out"
     weighted = ["--hazard", f"{hazards[0]}=0.25", "--hazard", f"{hazards[1]}=0.75"]
     done = constrain(curves, "--age", "10000", *weighted, "--json", "--out", str(folder))
@@ -110,7 +110,7 @@ def test_a_rock_that_is_given_twice_is_refused(tmp_path, curves):
     assert constrain(curves, curves).exception.code == "rock.given_twice"
 
 
-def test_a_verdict_that_hangs_on_what_the_curve_leaves_out_is_told(tmp_path, curves):
+def test_a_verdict_that_hangs_on_what_the_curve_leaves_out_is_reported(tmp_path, curves):
     for name, low in (("whole", 0.01), ("late", 0.8)):
         lines = [f"{x},{1.5e-3 * x**-3}" for x in (low, 1, 10, 100)]
         (tmp_path / f"{name}.csv").write_text("\n".join(["pgv_m_s,annual_rate", *lines]))
@@ -153,7 +153,7 @@ def test_a_branch_is_rejected_at_the_confidence_that_is_asked_for(curves, hazard
     assert branch["inconsistent"] == inconsistent
 
 
-def test_wrong_usage_and_wrong_data_are_told_apart(curves, hazards):
+def test_wrong_usage_and_wrong_data_are_distinguished(curves, hazards):
     ageless = constrain(curves, "--hazard", hazards[0])
     assert (ageless.exit_code, "[age.needed]" in ageless.output) == (2, True)
     assert constrain(curves, "--age", "1", "--age", "2").exit_code == 2
@@ -290,7 +290,7 @@ def test_factors_of_rates_and_of_the_mean_follow_from_the_branches_rates(rocks, 
     assert low < statement["mean"]["scale_factor"] < high
 
 
-def test_rocks_that_survive_under_no_branch_are_told_so_and_their_rates_keep_an_interval(rocks, events):
+def test_rocks_that_survive_under_no_branch_are_named_and_their_rates_keep_an_interval(rocks, events):
     given = (*rocks, "--hazard", events, "--site", "aa", "--age", "1000000")
     statement = told_by(*given)
     assert [branch["survival"] for branch in statement["branches"]] == pytest.approx([0.0, 0.0], abs=1e-300)

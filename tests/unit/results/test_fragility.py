@@ -227,7 +227,7 @@ def test_a_run_within_nature_has_nothing_to_tell(run):
     assert unphysical_of(run, frame[frame["pgv_m_s"] < 3.0]) is None
 
 
-def test_no_median_is_told_of_rocks_together_nor_beyond_what_was_shaken(run):
+def test_no_median_is_reported_of_rocks_together_nor_beyond_what_was_shaken(run):
     frame = run.frame()
     two = pd.concat([frame, frame.assign(scene_id="another")])
     assert unphysical_of(run, two).median_pga_m_s2 is None

@@ -106,7 +106,7 @@ def test_fields_of_earlier_versions_state_their_branch_themselves(tmp_path, even
     assert events.branches[0].rate.tolist() == [0.005]
 
 
-def test_files_of_another_calculation_are_told_apart_by_their_checksum(tmp_path):
+def test_files_of_another_calculation_are_distinguished_by_their_checksum(tmp_path):
     write_calculation(tmp_path)
     for path in list(tmp_path.glob("*.csv")):
         text = path.read_text().replace("checksum=7", "checksum=8")

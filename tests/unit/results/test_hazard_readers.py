@@ -151,7 +151,7 @@ def test_what_a_file_does_not_say_is_asked_for(text, code, hints, tmp_path):
         ("PGA (g),annual probability of exceedance", 0.0),
     ],
 )  # fmt: skip
-def test_a_user_who_contradicts_a_file_is_told(tmp_path, text, years):
+def test_a_user_who_contradicts_a_file_is_reported(tmp_path, text, years):
     path = written(tmp_path, f"{text}\n0.1,1e-2\n0.3,1e-4\n")
     assert read_curve(path).annual_rate[0] <= 1.01e-2
     with refused("hazard.values_contradicted"):
@@ -257,7 +257,7 @@ def test_nshmps_output_is_read_with_its_contributions_which_add_up(tmp_path):
     assert parts["source FAULT"] == pytest.approx(total.rates)
 
 
-def test_nshmps_probabilities_are_told_from_rates_by_the_configuration_or_the_user(tmp_path):
+def test_nshmps_probabilities_are_distinguished_from_rates_by_the_configuration_or_the_user(tmp_path):
     table = nshmp_curves(tmp_path / "Case.csv", NSHMP_RATES["curves"])
     with refused("hazard.measure_missing"):
         read_hazard(table)

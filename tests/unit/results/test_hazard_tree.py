@@ -82,7 +82,7 @@ def test_branches_at_other_levels_are_interpolated_where_all_have_rates():
     np.testing.assert_allclose(out.mean, 1e-2 * out.levels**-2.0)
 
 
-def test_fractiles_without_branches_are_told_before_and_unknown_after(folder):
+def test_fractiles_without_branches_are_reported_before_and_unknown_after(folder):
     tree = chosen_tree(read_hazard(folder), "sa_1s_m_s2", PLACES[0], "tree")
     rock = Standing("rock", Lognormal("sa_1s_m_s2", 3.0, 0.4))
     table = Update.of_curves([rock], tree, exposure(joint_ages([parse_age("10000")]))).updated.iloc[10]

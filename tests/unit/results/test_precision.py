@@ -151,7 +151,7 @@ def with_plateau(bench, seed):
 
 
 @pytest.mark.thorough
-def test_of_lognormal_campaigns_at_most_one_in_twenty_is_said_to_be_none(bench):
+def test_of_lognormal_campaigns_at_most_one_in_twenty_is_stated_to_be_none(bench):
     plays = [bench.play(*bench.synthetic(seed), Target(), 0.1, seed) for seed in range(60)]
     assert sum(play.verdict.departure is not None for play in plays) <= 3
 
@@ -170,7 +170,7 @@ def test_most_campaigns_that_are_no_lognormal_say_so_and_by_how_much(bench):
     assert stated["departure"]["p_value"] == found.p_value
 
 
-def test_levels_that_do_not_reach_the_curve_are_said_to_be_too_weak(bench):
+def test_levels_that_do_not_reach_the_curve_are_stated_to_be_too_weak(bench):
     pool, _ = bench.synthetic(4, records=30)
 
     def standing(chosen):

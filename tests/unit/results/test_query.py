@@ -111,7 +111,7 @@ def test_results_join_their_records_and_their_scene(run_folder):
     assert joined.column("a")[0].as_py() == pytest.approx(9.81 / 3)
 
 
-def test_several_runs_are_told_apart_by_their_folder(run_folder, tmp_path):
+def test_several_runs_are_distinguished_by_their_folder(run_folder, tmp_path):
     other = tmp_path / "other"
     other.mkdir()
     write_part(other, rows(records=2, levels=(1,), azimuths=(0.0,), friction=0.6))

@@ -128,7 +128,7 @@ def test_fragility_says_it_first_and_its_curves_keep_it(unfinished, drawn_alone,
         assert REMARK in (tmp_path / f"{figure}.svg").read_text()
 
 
-def test_rows_that_were_stored_and_are_not_there_are_said_to_be_lost(unfinished, tmp_path):
+def test_rows_that_were_stored_and_are_not_there_are_stated_to_be_lost(unfinished, tmp_path):
     copy = tmp_path / "copy"
     shutil.copytree(unfinished, copy)
     for part in (copy / "parts").iterdir():

@@ -213,7 +213,7 @@ def test_over_motions_chances_are_multiplied_and_no_weight_becomes_0():
     assert (weights_by_contact(pd.concat(many), 2)[CONTACT] > 0.0).all()
 
 
-def test_a_base_without_an_answer_is_told_nothing_and_a_motion_without_any_is_refused():
+def test_a_base_without_an_answer_weighs_as_before_and_a_motion_without_any_is_refused():
     weights = weights_by_contact(shakes([[True] * 4, [None] * 4, [True] * 4]), 3)[CONTACT]
     assert weights == pytest.approx([1.0, 1.0, 1.0])
     failed = shakes([[None] * 2]).assign(message="InputError: mujoco knows no such pedestal")

@@ -44,7 +44,7 @@ examples: demo/scene  ## the programs of examples/ on the demo's inputs, a few m
 	$(BIN)/python examples/pulse.py demo/scene --out build/examples/pulse.png
 	$(BIN)/python examples/ramp.py demo/scene demo/ensemble --out build/examples/ramp.png
 	$(BIN)/python examples/accuracy.py demo/scene demo/ensemble --jobs 60 --out build/examples/accuracy.png
-	$(BIN)/python examples/study.py demo/scene demo/ensemble build/examples/study --pga-step 3 --directions 2 --preset draft
+	$(BIN)/python examples/study.py demo/scene demo/ensemble build/examples/study --pga-step 3 --directions 2 --preset fast
 	@test -z "$(SHAKETABLE)" || $(BIN)/python examples/validation.py $(SHAKETABLE) --mesh $(MESH) --outcome $(OUTCOME) --out build/examples/validation
 
 # Tests of the cluster wait for workers that start and die: two at a time, the slow ones alone, and nothing else beside.

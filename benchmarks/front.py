@@ -47,7 +47,7 @@ STRONG_PART = (0.05, 0.75)
 PRESETS = ("fast", "standard", "reference")
 """Whose errors against exact answers are told."""
 SHORT = (
-    "draft", "fast", "standard", "mujoco draft", "mujoco fast", "plain PyBullet 1/240 s", "plain PyBullet 1/1000 s",
+    "fast", "standard", "mujoco fast", "plain PyBullet 1/240 s", "plain PyBullet 1/1000 s",
 )  # fmt: skip
 
 

@@ -49,7 +49,7 @@ from toppling.workers.options import PRESETS
 
 PAGE = Path(__file__).parent / "reports" / "scan.md"
 AZIMUTHS_DEG = np.arange(0.0, 360.0, 10.0)
-FAST, DRAFT = (Setting(PRESETS[name]) for name in ("fast", "draft"))
+FAST = Setting(PRESETS["fast"])
 LIMIT_S, LIMIT_GB = 70.0, 2.5
 """What a scan of twenty million points may cost: processor time and memory."""
 
@@ -207,9 +207,9 @@ def base_fragility(found: Scene, true: Scene, ensemble: Ensemble, count: int) ->
     if found.unseen is None:
         return {}
     jobs, _ = jobs_that_half_topple(true, ensemble, count)
-    right = float(answers(true, ensemble, jobs, DRAFT).toppled.mean())
+    right = float(answers(true, ensemble, jobs, FAST).toppled.mean())
     fractions = [
-        float(answers(found.on_base(number), ensemble, jobs, DRAFT).toppled.mean())
+        float(answers(found.on_base(number), ensemble, jobs, FAST).toppled.mean())
         for number in range(0, len(found.unseen), max(1, len(found.unseen) // BASES_SHAKEN))
     ]
     # Quantiles of so few hold less of the next one than they say: the interval in which it lies if they are normal.

@@ -18,7 +18,7 @@ import pandas as pd
 
 from toppling import Ensemble, Scene, shake
 
-PRESETS = ("draft", "fast", "standard", "reference")
+PRESETS = ("fast", "standard", "reference")
 CONVERGED = "reference"
 
 

@@ -97,7 +97,10 @@ def main() -> None:
     panels[0].set(xlabel="PGV/PGA (s)", ylabel="least PGA that topples (m/s²)")
     panels[1].plot(levels["duration_energy_s"], levels["pgv_m_s"], "k.", ms=4)
     panels[1].set(xlabel="duration (s)", ylabel="least PGV that topples (m/s)")
-    figure.suptitle(f"{len(levels)} records, median over {asked.directions} directions")
+    toppling = levels["pga_m_s2"].count()
+    figure.suptitle(
+        f"{toppling} of {len(levels)} records topple it, median over {asked.directions} directions"
+    )
     figure.savefig(asked.out / "figures" / "study.png", dpi=150)
     found = statements(main_jobs, lower_jobs)
     (asked.out / "findings.txt").write_text("\n".join(found) + "\n", encoding="utf-8")

@@ -91,7 +91,7 @@ def main() -> None:
     parser.add_argument("--mesh", required=True, help="a path, or a name in FOLDER")
     parser.add_argument("--outcome", required=True)
     parser.add_argument("--draws", type=int, default=24)
-    parser.add_argument("--preset", default="draft")
+    parser.add_argument("--preset", default="fast")
     parser.add_argument("--out", type=Path, default=Path("validation"))
     asked = parser.parse_args()
     mesh, out = Path(asked.mesh), asked.out

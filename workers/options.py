@@ -75,7 +75,6 @@ class NumericalOptions:
 
 
 PRESETS = {
-    "draft": NumericalOptions(1 / 48, 1e-4, 1e-3, checked_steps=0.005),
     "fast": NumericalOptions(1 / 96, 1e-4, 1e-3, checked_steps=0.005),
     "standard": NumericalOptions(1 / 128, 2e-5, 5e-4),
     "reference": NumericalOptions(1 / 512, 1e-6, 2e-4),

@@ -299,7 +299,7 @@ def shake(
     motion : Motion
         Acceleration of the ground. After it the ground stays at rest until the answer is certain.
     preset : str or NumericalOptions
-        'draft', 'fast', 'standard' or 'reference', or options of one's own.
+        'fast', 'standard' or 'reference', or options of one's own.
     trajectory : bool
         Keep the rock's poses.
     time_step : float, optional

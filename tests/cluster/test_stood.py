@@ -47,7 +47,7 @@ def folder(tmp_path_factory):
     half_m = (0.15, 0.06)
     feet = [np.array([[x, y, 0.0] for x in (-w, w) for y in (-0.2, 0.2)]) for w in half_m]
     bases = UnseenBase(0.05, tuple(BaseDraw(v) for v in feet))
-    axes = {"azimuth_deg": [0], "realisations": 3, "preset": "draft", "audit": 0}
+    axes = {"azimuth_deg": [0], "realisations": 3, "preset": "fast", "audit": 0}
     levels = [0.8, 1.2, 1.6, 2, 2.5, 3, 4, 6, 8]
     scene = replace(Scene.block(0.15, 0.2, 0.6), unseen=bases)
     campaign_in(place, [0.5 + 0.2 * n for n in range(5)], scene, pga_m_s2=levels, **axes)

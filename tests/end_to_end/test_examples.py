@@ -64,7 +64,7 @@ def test_a_ramp_topples_above_the_static_acceleration_and_the_converged_preset_d
         tmp_path / "ramp.png",
         tmp_path / "accuracy.png",
     )
-    printed("ramp.py", *given, "--count", 2, "--preset", "draft", "--out", ramp)
+    printed("ramp.py", *given, "--count", 2, "--preset", "fast", "--out", ramp)
     assert (pd.read_csv(ramp.with_suffix(".csv"))["toppling_pga_m_s2"].dropna() > 9.81 / 3.0).all()
     printed("accuracy.py", *given, "--jobs", 12, "--out", accuracy)
     table = pd.read_csv(accuracy.with_suffix(".csv")).set_index("preset")
@@ -92,7 +92,7 @@ def test_pulses_far_below_and_far_above_what_overturns_a_block_are_distinguished
 
 def test_a_small_study_runs_all_of_its_jobs_and_tells_its_findings(inputs, tmp_path):
     out = tmp_path / "study"
-    asked = ("--pga-step", 9, "--directions", 2, "--preset", "draft")
+    asked = ("--pga-step", 9, "--directions", 2, "--preset", "fast")
     text = printed("study.py", inputs / "scene", inputs / "ensemble", out, *asked)
     assert f"main: {6 * 3 * 2} jobs" in text
     assert f"friction: {6 * 3 * 3} jobs" in text

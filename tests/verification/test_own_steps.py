@@ -60,7 +60,7 @@ def job(number):
     slope_deg = float(random.choice([0.0, 0.0, 4.0, 9.0]))
     scene = Scene.from_mesh(mesh, slope_deg=slope_deg, slope_azimuth_deg=float(random.uniform(0, 360)))
     scene = scene.with_contact(ContactProperties(static, kinetic, float(random.choice([0.0, 0.0, 0.3]))))
-    return scene, noise(random, G * random.uniform(0.3, 1.4)), str(random.choice(["draft", "fast"]))
+    return scene, noise(random, G * random.uniform(0.3, 1.4)), "fast"
 
 
 def agree(numbers):

@@ -36,7 +36,7 @@ def test_an_engines_name_stands_in_its_own_folder_alone(name):
 def test_every_registered_engine_shakes_and_says_how_it_is_cited(engine):
     if engine.version is None:
         pytest.skip(f"{engine.title} is not installed")
-    result = shake(Scene.block(0.1, 0.1, 0.5), PUSH, "draft", engine=engine.name)
+    result = shake(Scene.block(0.1, 0.1, 0.5), PUSH, "fast", engine=engine.name)
     assert result.toppled
     assert engine.citation.keys() == {"name", "title", "authors", "reference"}
     assert list(engine.presets) == list(PRESETS)

@@ -126,14 +126,14 @@ def test_a_job_shakes_with_what_its_realisation_draws_and_its_id_tells(tmp_path)
     record = Record.of("made", Motion(along, 0.01), component_azimuths_deg=(0.0, 90.0))
     assets = Assets(Scene.block(0.2, 0.2, 0.6), Ensemble.write(tmp_path / "one", [record]))
     given = (assets.scene.id, "made", record.sha, record.intensity["pga_m_s2"], 0.0, 0.8, 0.8, 0.0)
-    spec = JobSpec(*given, realisation=7, preset="draft", unmeasured=ALL)
+    spec = JobSpec(*given, realisation=7, preset="fast", unmeasured=ALL)
     scene, imposed = prepared(spec, assets)
     turn = np.deg2rad(ALL.turn_deg(7))
     np.testing.assert_allclose(
         imposed.motion.acceleration_m_s2[:, :2], along[:, :1] * [np.cos(turn), np.sin(turn)], atol=1e-9
     )
     assert scene.contact == ALL.contact(ContactProperties(0.8, 0.8, 0.0), 7)
-    assert spec.job_id != JobSpec(*given, realisation=7, preset="draft").job_id
+    assert spec.job_id != JobSpec(*given, realisation=7, preset="fast").job_id
 
 
 def test_a_job_adds_what_the_records_band_left_out_and_states_the_records_own_strength(tmp_path):
@@ -142,7 +142,7 @@ def test_a_job_adds_what_the_records_band_left_out_and_states_the_records_own_st
     assets = Assets(Scene.block(0.2, 0.2, 0.6), Ensemble.write(tmp_path / "one", [record]))
     given = (assets.scene.id, "made", record.sha, record.intensity["pga_m_s2"], 0.0, 0.8, 0.8, 0.0)
     nominal, second, third = (
-        prepared(JobSpec(*given, realisation=number, preset="draft", unmeasured=BAND), assets)[1]
+        prepared(JobSpec(*given, realisation=number, preset="fast", unmeasured=BAND), assets)[1]
         for number in (0, 1, 2)
     )
     np.testing.assert_array_equal(nominal.motion.acceleration_m_s2, noise)

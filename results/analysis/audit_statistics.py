@@ -34,6 +34,9 @@ JOB_COLUMNS = [
 ]  # fmt: skip
 """Columns that match a job with its repetition."""
 
+_MEASURE = "pga_m_s2"
+"""Measure of the median whose shift an audit states."""
+
 
 @dataclass(frozen=True)
 class Estimate:
@@ -108,7 +111,7 @@ class Audit:
         )
 
 
-def audits_of(run: Run, measure: str = "pga_m_s2") -> dict[str, Audit]:
+def audits_of(run: Run) -> dict[str, Audit]:
     """Audits of a run by the engine or preset that repeated its jobs, the reference first; empty without audits."""
     folder = run.path / AUDIT_FOLDER
     places = [place for place in folder.iterdir() if place.is_dir()] if folder.is_dir() else []
@@ -117,7 +120,7 @@ def audits_of(run: Run, measure: str = "pga_m_s2") -> dict[str, Audit]:
     for place in sorted(places, key=lambda place: (place.name != REFERENCE, place.name)):
         check_audit(run.path, place)
         repeated = as_frame(read_steady([place], lambda: newest_rows(result_files(place))))  # noqa: B023  (read at once)
-        audit = compare(place.name, _drawn_from(rows, place), repeated, measure) if len(repeated) else None
+        audit = compare(place.name, _drawn_from(rows, place), repeated) if len(repeated) else None
         if audit is not None:
             found[place.name] = audit
     return found
@@ -132,12 +135,11 @@ def audits_json(audits: Mapping[str, Audit]) -> dict[str, Any]:
     return {**reference, "engines": others}
 
 
-def compare(by: str, rows: pd.DataFrame, repeated: pd.DataFrame, measure: str = "pga_m_s2") -> Audit | None:
+def compare(by: str, rows: pd.DataFrame, repeated: pd.DataFrame) -> Audit | None:
     """Compare a run's answers with those of a random sample of its jobs, repeated.
 
     rows: rows of results that the sample was drawn from: its jobs are the first by job_id, which is a hash.
     repeated: rows of the repeated jobs.
-    measure: intensity measure of the median.
     Returns Audit or None: None for fewer than `LEAST_JOBS`.
     """
     known = answered(rows).sort_values("job_id", ignore_index=True)
@@ -163,14 +165,12 @@ def compare(by: str, rows: pd.DataFrame, repeated: pd.DataFrame, measure: str = 
         flips_to_toppled=up,
         flips_to_standing=down,
         share_shift=Estimate.around(float(values.mean()), _half_width(values, 1.0, len(known))),
-        median_shift_percent=median_shift_percent(known, place, differs, measure),
+        median_shift_percent=median_shift_percent(known, place, differs),
     )
 
 
-def median_shift_percent(
-    known: pd.DataFrame, place: NDArray[np.intp], differs: Array, measure: str
-) -> Estimate:
-    """Shift of the median intensity, from a random sample's differing answers.
+def median_shift_percent(known: pd.DataFrame, place: NDArray[np.intp], differs: Array) -> Estimate:
+    """Shift of the median PGA, from a random sample's differing answers.
 
     known: rows with an answer; of several contacts the mean of their shifts is returned.
     place: (n,), indices of the drawn rows.
@@ -182,7 +182,7 @@ def median_shift_percent(
     influence, plausible = np.zeros(len(known)), np.zeros(len(known))
     log_shift, fraction_fitted = 0.0, 0.0
     for jobs in by_contact(known).values():
-        curve = _Fragility.of(jobs, measure)
+        curve = _Fragility.of(jobs)
         if curve is None:
             continue
         rows, share = jobs.index.to_numpy(), len(jobs) / len(known)
@@ -201,20 +201,20 @@ def median_shift_percent(
 class _Fragility:
     """Lognormal fragility of all jobs, and the influence of each answer on it."""
 
-    design: Array  # (n, 2): 1 and the measure's logarithm, of each job
+    design: Array  # (n, 2): 1 and the logarithm of the PGA, of each job
     # (n,).
     toppled: Array
     weight: Array
     coefficients: Array  # (2,)
 
     @classmethod
-    def of(cls, jobs: pd.DataFrame, measure: str) -> "_Fragility | None":
-        usable = (jobs[measure] > 0).fillna(value=False)
-        if not usable.all() or (found := fit(jobs, [measure])).problem:
+    def of(cls, jobs: pd.DataFrame) -> "_Fragility | None":
+        usable = (jobs[_MEASURE] > 0).fillna(value=False)
+        if not usable.all() or (found := fit(jobs, [_MEASURE])).problem:
             return None
         weight = jobs.get("record_weight", pd.Series(1.0, jobs.index)).to_numpy(float)
         return cls(
-            np.column_stack([np.ones(len(jobs)), np.log(jobs[measure].to_numpy(float))]),
+            np.column_stack([np.ones(len(jobs)), np.log(jobs[_MEASURE].to_numpy(float))]),
             jobs["toppled"].to_numpy(float),
             weight,
             np.array(found.coefficients),

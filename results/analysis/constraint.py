@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from toppling.models.files.documents import finite
+from toppling.results.analysis.lognormal import ends
 from toppling.results.hazard.ages import Exposure
 from toppling.results.hazard.curves import HazardCurve
 from toppling.results.hazard.events import Standing
@@ -122,9 +123,8 @@ def _single_event(rocks: Sequence[Standing], confidence: float) -> dict[str, Any
     """
     curves = [rock.curve for rock in rocks]
     low = high = math.nan
-    if shared := drawn_together(rocks):
-        drawn, fewest = shared
-        low, high = fewest.interval(np.array([unexceeded(curves, confidence) for curves in drawn]))
+    if drawn := drawn_together(rocks):
+        low, high = ends(np.array([unexceeded(curves, confidence) for curves in drawn]))
     return {
         "measure": curves[0].measure,
         "confidence": confidence,

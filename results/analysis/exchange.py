@@ -275,7 +275,7 @@ def _of_surface_row(row: Mapping[str, Any]) -> Surface:
         return Surface(measures, coefficients, basis)
     found, fitted = _of_samples_text(samples)
     refits = np.array(found).reshape(-1, len(coefficients))
-    return Surface(measures, coefficients, basis, Resampled(refits, fitted, basis.records))
+    return Surface(measures, coefficients, basis, Resampled(refits, fitted))
 
 
 def _curves(rows: Iterable[Mapping[str, Any]]) -> list[Lognormal]:
@@ -314,12 +314,12 @@ def _of_samples_text(text: str) -> tuple[list[tuple[float, ...]], NDArray[np.boo
     return [tuple(map(float, part.split())) for part in parts if part], np.array(list(map(bool, parts)))
 
 
-def _medians_and_betas(text: str, records: int) -> Resampled:
+def _medians_and_betas(text: str) -> Resampled:
     pairs, fitted = _of_samples_text(text)
     if not all(len(pair) == 2 and min(pair) > 0 and max(pair) < math.inf for pair in pairs):
         raise ValueError("samples are pairs of median and beta, above zero")
     coefficients = np.array([(-math.log(median) / beta, 1.0 / beta) for median, beta in pairs])
-    return Resampled(coefficients.reshape(-1, 2), fitted, records)
+    return Resampled(coefficients.reshape(-1, 2), fitted)
 
 
 def _with_row(curve: Lognormal, row: Mapping[str, Any]) -> Lognormal:
@@ -328,7 +328,7 @@ def _with_row(curve: Lognormal, row: Mapping[str, Any]) -> Lognormal:
     low, high = (float(row[name]) for name in _INTERVAL) if _stated(row, _INTERVAL) else (math.nan, math.nan)
     parts = {part: float(row[name]) for name, part in _PARTS.items() if _stated(row, [name])}
     has_samples = basis and _stated(row, ["samples"])
-    resampled = _medians_and_betas(str(row["samples"]), basis.records) if basis and has_samples else None
+    resampled = _medians_and_betas(str(row["samples"])) if has_samples else None
     ends = (low, high) if low <= high else None
     return replace(curve, basis=basis, median_interval=ends, interval_parts=parts, resampled=resampled)
 

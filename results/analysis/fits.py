@@ -20,6 +20,7 @@ from toppling.results.analysis.lognormal import (
     Fit,
     Lognormal,
     earthquakes,
+    ends,
     expanded_interval,
     fit,
     lognormal_interval,
@@ -197,7 +198,7 @@ def summary(models: Sequence[Fit]) -> pd.DataFrame:
                 line |= lognormal_interval(samples)
                 line |= {f"median_{name}": part for name, part in curve.interval_parts.items()}
             for number, value in enumerate(model.coefficients):
-                low, high = samples.interval(found[:, number])
+                low, high = ends(found[:, number])
                 line[f"coefficient_{number}"] = value
                 line |= {f"coefficient_{number}_low": low, f"coefficient_{number}_high": high}
         lines.append(line)

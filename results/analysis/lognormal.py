@@ -139,13 +139,15 @@ class Surface:
 
 @dataclass(frozen=True, eq=False)
 class Resampled:
-    """Bootstrap refits of a model to resampled records, each sample on a single base."""
+    """Bootstrap refits of a model to resampled records, each sample on a single base.
+
+    They are reflected (`analysis.resampling`), so that their percentiles (`ends`) allow for few records.
+    """
 
     coefficients: Array  # (k, 1 + number of measures): of the samples with a fit
     # (samples,): which samples have a fit, in the order drawn; in the others the answers are separated, or the
     # probability does not rise.
     fitted: NDArray[np.bool_]
-    records: int  # number of earthquakes, or of records, per sample
     # Coefficients of the curve averaged over bases, shaped as `coefficients`; None where the jobs are on one base.
     over_records: Array | None = None
 
@@ -158,15 +160,6 @@ class Resampled:
         """Coefficients of each sample in the order drawn; None for a sample without a fit."""
         found = iter(self.coefficients)
         return (next(found) if has_fit else None for has_fit in self.fitted)
-
-    def interval(self, values: Array, level: float = 0.95) -> Array:
-        """Ends (2, ...) of the interval of values (samples, ...), which may be infinite; null without samples.
-
-        The refits are reflected (`analysis.resampling`), so that their percentiles allow for few records.
-        """
-        if not len(values):
-            return np.full((2, *np.shape(values)[1:]), math.nan)
-        return ends(values, (1.0 - level) / 2)
 
     def lognormals(self, measure: str) -> list[Lognormal]:
         """Lognormal fragility of each sample of a fit to one measure, in the order drawn.
@@ -183,12 +176,12 @@ class Resampled:
         return [Surface(tuple(measures), row) for row in rows]
 
 
-def lognormal_interval(resampled: Resampled, level: float = 0.95) -> dict[str, float]:
-    """Intervals of the median on one base and of the beta over all bases, from samples of a lognormal fit."""
+def lognormal_interval(resampled: Resampled) -> dict[str, float]:
+    """Intervals (95 %) of the median on one base and of the beta over all bases, from samples of a lognormal fit."""
     intercept, slope = resampled.coefficients.T
-    median = resampled.interval(np.exp(-intercept / slope), level)
+    median = ends(np.exp(-intercept / slope))
     of_all = resampled.coefficients if resampled.over_records is None else resampled.over_records
-    beta = resampled.interval(1.0 / of_all[:, 1], level)
+    beta = ends(1.0 / of_all[:, 1])
     return {"median_low": median[0], "median_high": median[1], "beta_low": beta[0], "beta_high": beta[1]}
 
 
@@ -206,22 +199,27 @@ def _interval_parts(interval: tuple[float, float], resampled: Resampled) -> dict
     if resampled.over_records is None:
         return {"records": math.sinh(whole)}
     intercept, slope = resampled.over_records.T
-    of_records = min(0.5 * float(np.ptp(resampled.interval(-intercept / slope))), whole)
+    of_records = min(0.5 * float(np.ptp(ends(-intercept / slope))), whole)
     return {"records": math.sinh(of_records), "base": math.sinh(math.sqrt(whole**2 - of_records**2))}
 
 
-def expanded_interval(values: Array, records: int, level: float = 0.95) -> Array:
-    """Ends (2, ...) of the expanded percentile interval of values (samples, ...).
+def expanded_interval(values: Array, records: int) -> Array:
+    """Ends (2, ...) of the expanded percentile interval (95 %) of values (samples, ...).
 
     Bootstrap percentiles are too narrow by sqrt((n - 1) / n) and the ratio of Student's t to the normal quantile; the
     level is raised accordingly (Hesterberg 2015). Ends are values that occur: infinite ones cannot be interpolated.
     """
-    tail = ndtr(-math.sqrt(records / (records - 1)) * stdtrit(records - 1, (1 + level) / 2))
+    tail = ndtr(-math.sqrt(records / (records - 1)) * stdtrit(records - 1, 0.975))
     return ends(values, float(tail))
 
 
 def ends(values: Array, tail: float = 0.025) -> Array:
-    """Quantiles (2, ...) at both tails of values (samples, ...), without interpolation: values may be infinite."""
+    """Quantiles (2, ...) at both tails of values (samples, ...); null without samples.
+
+    Without interpolation: values may be infinite.
+    """
+    if not len(values):
+        return np.full((2, *np.shape(values)[1:]), math.nan)
     low = np.quantile(values, tail, axis=0, method="lower")
     return np.array([low, np.quantile(values, 1 - tail, axis=0, method="higher")])
 
@@ -276,8 +274,8 @@ class Fit:
         curve = replace(_lognormal_of(self.measures[0], *self.coefficients), resampled=self.resampled)
         if self.resampled is None or not len(self.resampled.coefficients):
             return curve
-        ends = lognormal_interval(self.resampled)
-        interval = float(ends["median_low"]), float(ends["median_high"])
+        found = lognormal_interval(self.resampled)
+        interval = float(found["median_low"]), float(found["median_high"])
         return replace(
             curve, median_interval=interval, interval_parts=_interval_parts(interval, self.resampled)
         )

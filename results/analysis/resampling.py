@@ -186,11 +186,11 @@ def bootstrap(
     known = design_of(frame, fitted.measures) @ fitted.coefficients
     spread = base_spread(frame, known)
     if spread is None:
-        return Resampled(refits, fitted_again, len(records))
+        return Resampled(refits, fitted_again)
     rock = str(frame["scene_id"].iloc[0]) if "scene_id" in frame else ""
     shift = spread.drawn(len(refits), np.random.default_rng([seed, zlib.crc32(rock.encode())]))
     on_single_base = (refits + np.outer(shift, np.eye(1, design.shape[1])[0])) / spread.within
-    return Resampled(on_single_base, fitted_again, len(records), refits)
+    return Resampled(on_single_base, fitted_again, refits)
 
 
 def sampled(

@@ -105,7 +105,7 @@ def draw_band(axes: Axes, curve: Lognormal, intensity: Array, colour: Any) -> No
     resampled = curve.resampled
     if resampled is not None and len(resampled.coefficients):
         drawn = ndtr(resampled.coefficients[:, :1] + resampled.coefficients[:, 1:] * np.log(intensity))
-        axes.fill_between(intensity, *resampled.interval(drawn), color=colour, alpha=0.3, lw=0)
+        axes.fill_between(intensity, *lognormal.ends(drawn), color=colour, alpha=0.3, lw=0)
 
 
 def draw_fractions(axes: Axes, table: pd.DataFrame, x: str, share: str, **dots: Any) -> None:

@@ -23,7 +23,7 @@ from scipy.optimize import brentq
 
 from toppling.models.arrays import ROUNDING, Array
 from toppling.models.errors import InputError
-from toppling.results.analysis.lognormal import Lognormal, Resampled, Surface, ends
+from toppling.results.analysis.lognormal import Lognormal, Surface, ends
 from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.hazard.ages import AS_NOW, LESS_FRAGILE, Exposure
 from toppling.results.hazard.curves import HazardCurve, continued, events_of_curves
@@ -197,40 +197,28 @@ class Draws:
     """Results in each draw of the uncertain quantities."""
 
     carries: tuple[str, ...]  # varied quantities: event, fragility, age, joint rate
-    # Bootstrap with the fewest records, which sets the expansion of intervals; None where fragilities do not vary.
-    records: Resampled | None
     # (draws, branches), the mean hazard last: expected number of topplings since the rocks stand (survival is
     # exp(-topplings)), and scale factors of motions.
     topplings: Array
     factors: Array
 
-    def interval(self, values: Array) -> Array:
-        """Ends (2, ...) of the 95 % interval of values (draws, ...), which may be infinite."""
-        return ends(values) if self.records is None else self.records.interval(values)
 
-
-def drawn_together(rocks: Sequence[Standing]) -> tuple[list[list[Any]], Resampled] | None:
-    """Fragilities of all rocks in each common resample, and the bootstrap with the fewest records.
-
-    None unless all rocks have resampled fragilities.
-    """
+def drawn_together(rocks: Sequence[Standing]) -> list[list[Any]]:
+    """Fragilities of all rocks in each common resample; empty unless all rocks have resampled fragilities."""
     drawn = [rock.drawn for rock in rocks]
-    if not all(drawn):
-        return None
-    known = [rock.fragility.resampled for rock in rocks if rock.fragility.resampled]
-    return [list(draw) for draw in zip(*drawn, strict=False)], min(known, key=lambda sample: sample.records)
+    return [list(draw) for draw in zip(*drawn, strict=False)] if all(drawn) else []
 
 
 def draws_of(rocks: Sequence[Standing], events: EventSet, exposure: Exposure, chance: float) -> Draws | None:
     """Results in draws of all uncertain quantities; None where there are none."""
     known, count = drawn_together(rocks), exposure.years.shape[1]
     vary = {
-        "event": events.sampled, "fragility": known is not None, "age": count > 1,
+        "event": events.sampled, "fragility": bool(known), "age": count > 1,
         "joint rate": bool(events.readings),
     }  # fmt: skip
     if not any(vary.values()):
         return None
-    curves, records = known or ([[rock.fragility for rock in rocks]] * SAMPLES, None)
+    curves = known or [[rock.fragility for rock in rocks]] * SAMPLES
     levels = ((np.arange(len(curves)) + 0.5) * count / len(curves)).astype(int)
     ages = exposure.years[:, np.random.default_rng(0).permutation(levels)]  # independent of the resamples
     found = [
@@ -241,7 +229,7 @@ def draws_of(rocks: Sequence[Standing], events: EventSet, exposure: Exposure, ch
         for number, (fragilities, years) in enumerate(zip(curves, ages.T, strict=True))
     ]  # fmt: skip
     topplings, factors = (np.array(rows) for rows in zip(*found, strict=True))
-    return Draws(tuple(name for name, varies in vary.items() if varies), records, topplings, factors)
+    return Draws(tuple(name for name, varies in vary.items() if varies), topplings, factors)
 
 
 def _draw_of(
@@ -327,8 +315,8 @@ def random_rock(rocks: Sequence[Standing]) -> RandomRock | None:
     between = float(np.std(logs, ddof=1))
     curve = Lognormal(curves[0].measure, math.exp(logs.mean()), math.hypot(within, between))
     known = drawn_together(rocks)
-    if known is None:
+    if not known:
         return RandomRock(curve, within, between, None, beyond)
-    medians = [math.exp(np.mean([math.log(curve.median) for curve in drawn])) for drawn in known[0]]
-    low, high = known[1].interval(np.array(medians))
+    medians = [math.exp(np.mean([math.log(curve.median) for curve in drawn])) for drawn in known]
+    low, high = ends(np.array(medians))
     return RandomRock(curve, within, between, (float(low), float(high)), beyond)

@@ -4,7 +4,7 @@ import csv
 import io
 import math
 import zlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.metadata import version
@@ -19,6 +19,7 @@ from toppling.models.arrays import Array, effective_number
 from toppling.models.files.folder import write_text
 from toppling.models.files.table import plain
 from toppling.results.analysis import FEW
+from toppling.results.analysis.lognormal import ends
 from toppling.results.hazard.ages import Exposure
 from toppling.results.hazard.curves import (
     HazardCurve,
@@ -143,10 +144,6 @@ class Update:
         """Results in draws of all uncertain quantities; None where there are none."""
         return draws_of(self.rocks, self.events, self.exposure, 1.0 - self.confidence)
 
-    def _interval(self, values: Array) -> Array:
-        assert self.draws is not None  # the values come from draws
-        return self.draws.interval(values)
-
     @cached_property
     def factors(self) -> pd.DataFrame:
         """Survival and largest factors of each branch and, last, of the mean hazard, with intervals.
@@ -169,7 +166,7 @@ class Update:
             table[name] = values
             table[f"{name}_low"] = table[f"{name}_high"] = math.nan
             if drawn:
-                table[f"{name}_low"], table[f"{name}_high"] = self._interval(drawn[name])
+                table[f"{name}_low"], table[f"{name}_high"] = ends(drawn[name])
         return table
 
     @cached_property
@@ -337,7 +334,7 @@ class Update:
                 )
         table["rate_posterior_mean_low"] = table["rate_posterior_mean_high"] = math.nan
         if (means := self._drawn_means(of)) is not None:
-            table["rate_posterior_mean_low"], table["rate_posterior_mean_high"] = self._interval(means)
+            table["rate_posterior_mean_low"], table["rate_posterior_mean_high"] = ends(means)
         with np.errstate(invalid="ignore", divide="ignore"):
             table["change_percent"] = 100.0 * (table["rate_posterior_mean"] / table["rate_prior_mean"] - 1.0)
         return table
@@ -357,7 +354,7 @@ class Update:
         means = self._drawn_means(of)
         rows = []
         for rate in RATES:
-            low, high = _level_interval(of.levels, means, rate, self._interval)
+            low, high = _level_interval(of.levels, means, rate)
             drawn = {"level_posterior_mean_low": low, "level_posterior_mean_high": high}
             rows.append(_change_at(rate, before, after) | drawn)
         table = pd.DataFrame(rows)
@@ -413,14 +410,12 @@ def _change_at(rate: float, before: Statistics, after: Statistics | None) -> dic
     return row
 
 
-def _level_interval(
-    levels: Array, means: Array | None, rate: float, interval: Callable[[Array], Array]
-) -> tuple[float, float]:
+def _level_interval(levels: Array, means: Array | None, rate: float) -> tuple[float, float]:
     """Ends of the interval of the motion at a rate over mean curves (draws, levels); NaN where one lacks the rate."""
     found = np.array([intensity_at(levels, drawn, rate) for drawn in (() if means is None else means)])
     if not len(found) or np.isnan(found).any():
         return math.nan, math.nan
-    low, high = interval(found)
+    low, high = ends(found)
     return float(low), float(high)
 
 

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 from scipy.stats import norm
 
-from toppling.results.analysis.lognormal import Lognormal, fit
+from toppling.results.analysis.lognormal import Lognormal, ends, fit
 from toppling.results.analysis.resampling import bootstrap
 from toppling.results.hazard.ages import exposure, joint_ages
 from toppling.results.hazard.curves import HazardCurve
@@ -128,7 +128,7 @@ def test_catalogues_of_enough_events_hold_the_true_survival_in_95_of_100():
         branch = EventBranch("drawn", np.full(len(motions), 1 / span), {"pgv_m_s": motions})
         # No scale factor has so small a chance: none is searched for.
         drawn = draws_of([rock], EventSet((EventSite("here"),), (branch,), ""), once, 1e-60)
-        low, high = drawn.interval(np.exp(-drawn.topplings[:, 0]))
+        low, high = ends(np.exp(-drawn.topplings[:, 0]))
         inside.append(low <= math.exp(-1000 * true) <= high)
     assert 0.92 <= np.mean(inside) <= 0.97
 
@@ -178,7 +178,7 @@ def fragility_statements(site):
         )
 
     result = np.array([[curve.median, curve.beta, rate(curve)] for curve in curves])
-    low, high = resampled.interval(result)
+    low, high = ends(result)
     truth = np.array([rock.median, rock.beta, rate(rock)])
     return (low <= truth) & (truth <= high)
 

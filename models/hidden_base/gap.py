@@ -14,7 +14,7 @@ from scipy.special import ndtr
 
 from toppling.models.arrays import Array, Flags, Indices, at_most
 from toppling.models.hidden_base.near_interface import DRAWN, SIDE_TANGENT, NearInterface, UnseenSide
-from toppling.models.scan.crevice import Grid, check_seen, smooth_sheet
+from toppling.models.scan.crevice import Grid, cells_apart, check_seen, depth_of_holes, smooth_sheet
 from toppling.models.scan.interface import SECTORS, Interface, sectors
 from toppling.models.scan.interface_hint import InterfaceHint
 
@@ -390,8 +390,6 @@ _LEAST_BASE_SHARE = 0.3
 _HOLE_STIFFNESS = 0.02
 _RESTING_PER_HEIGHT = 0.0008
 """The rock rests where the closed underside is nearer to the plane than this: below what a scan resolves."""
-_HOLE_SPACINGS = 1.3
-"""A gap between seen points is a hole from this many of their spacings (to the seventh neighbour)."""
 _CORE_OF_HOLES = 0.8
 """The rock rests where a foot's hole is at least this share of its greatest depth: skimming rays miss its border."""
 _FLAT_SHARE = 0.5
@@ -408,8 +406,6 @@ most such a share of the directions around it; cells beside what shows."""
 _FEET_SHARE = 0.2
 """Or where what is hidden beside it, within all low parts, takes up so much of it: feet stand all around a sculpture; a
 base that is seen through all around its middle has next to nothing there."""
-_WIDEST_SPACING_CELLS = 4.0
-"""Points farther apart than this are strays: no ray went through between them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -439,6 +435,7 @@ class Underside:
     # pedestal was seen.
     hole_depth: Array
     into_seen: Array  # (shape): cells from the hidden part
+    apart: Flags  # (shape): where rock and pedestal were seen apart
     # How the rim goes on where nobody saw it; the hidden part reaches to its likeliest outline.
     side: UnseenSide | None = None
     widest: Flags | None = None  # (shape): hidden on the widest of them
@@ -446,9 +443,9 @@ class Underside:
     passage: Flags | None = None
 
     @property
-    def may_be_hidden(self) -> Flags:
+    def may_touch(self) -> Flags:
         """Cells (shape) of the base on one outline or another."""
-        return self.hidden if self.widest is None else self.widest
+        return (self.hidden if self.widest is None else self.widest) & ~self.apart
 
     @classmethod
     def of(
@@ -475,18 +472,18 @@ class Underside:
             first, last = np.floor(first / lattice_m) * lattice_m, np.ceil(last / lattice_m) * lattice_m
         grid = Grid.over(first, last, cell)
         seen_height, seen = _lowest(grid, low)
-        hidden = _within_rim(seen)
-        widest, shown = None, depth_of_holes(grid, lit) == 0.0
+        shown, apart = depth_of_holes(grid, lit) == 0.0, cells_apart(grid, near.apart)
+        hidden, widest = _within_rim(seen, apart), None
         if side is not None:
             ends = side.in_range(grid.nodes_m) & (side.share_out(grid.nodes_m) > _LIT_ENDS_SHARE)
-            hidden, widest = _extended(grid, side, hidden, ~seen & ~(shown & ends))
-        feet = _feet(grid, seen, shown)
+            hidden, widest = _extended(grid, side, hidden, ~seen & ~(shown & ends) & ~apart)
+        feet = _feet(grid, seen, shown | apart)
         passed = bool(hidden.any() and (hidden & shown).sum() >= _PASSED_SHARE * hidden.sum())
         if on_feet := _stands_on_feet(grid, seen, hidden, feet, passed):
             hidden = hidden | feet
         outline = hint.inside(grid.nodes_m) if hint is not None and hint.encloses else None
         if outline is not None:
-            seen, hidden = seen & ~outline, hidden | outline
+            seen, hidden, apart = seen & ~outline, hidden | outline, apart & ~outline
         # Points at the border may be the pedestal beside the rock.
         within = ndimage.binary_erosion(hidden, iterations=3)
         depth = depth_of_holes(grid, lit[within.ravel()[grid.index(lit)]]) * hidden
@@ -498,7 +495,9 @@ class Underside:
         if on_feet and passed and outline is None:
             lit_there = hidden & (depth == 0.0)
             passage = hidden & ndimage.binary_dilation(lit_there, iterations=_PASSAGE_CELLS)
-        return cls(grid, seen_height, seen, hidden, carries, outline, depth, into_seen, side, widest, passage)
+        return cls(
+            grid, seen_height, seen, hidden, carries, outline, depth, into_seen, apart, side, widest, passage
+        )
 
     def beyond_m(self, places_m: Array) -> Array | None:
         """How far places (n, 2) lie beyond each rim that was drawn (DRAWN, n); None where it was seen around."""
@@ -539,7 +538,7 @@ def hidden_base(
     """
     under, height_m = Underside.of(near, hint, interface), near.height_m
     grid, outline, depth, hidden = under.grid, under.outline, under.hole_depth, under.hidden
-    rests = _deepest(depth, hidden)
+    rests = _deepest(depth, hidden) & ~under.apart
     if outline is not None:
         rests, depth = outline, np.where(outline, 10.0, 0.0)
     weight = np.where(under.carries, 3.0, np.where(rests, _HOLE_STIFFNESS * depth**2, 0.0))
@@ -551,15 +550,18 @@ def hidden_base(
     return under.closed_by(sheet, height_m)
 
 
-def _within_rim(seen: Flags) -> Flags:
-    """Cells within the seen rim, whose gaps (a wall stood before them) are bridged as far as is needed."""
+def _within_rim(seen: Flags, apart: Flags) -> Flags:
+    """Cells within the seen rim, whose gaps (a wall stood before them) are bridged as far as is needed.
+
+    apart: where the rock was seen to touch nothing, which makes no part of them the larger.
+    """
     hull = ConvexHull(np.argwhere(seen)).volume
     for reach in _CLOSING_CELLS:
         # Filled while it is thick: through a rim of single cells what is outside gets in.
         thick = ndimage.binary_dilation(np.pad(seen, reach), iterations=reach)
         filled = ndimage.binary_erosion(ndimage.binary_fill_holes(thick), iterations=reach)
         hidden = filled[reach:-reach, reach:-reach] & ~seen
-        hidden = _largest(ndimage.binary_opening(hidden, iterations=3))
+        hidden = _largest(ndimage.binary_opening(hidden, iterations=3), ~apart)
         if hidden.sum() > _LEAST_BASE_SHARE * hull:
             break
     return hidden
@@ -598,10 +600,11 @@ def _feet(grid: Grid, seen: Flags, shown: Flags) -> Flags:
     return ndimage.binary_opening(inside & ~seen & ~shown, iterations=2)
 
 
-def _largest(mask: Flags) -> Flags:
-    """Keep the largest connected part."""
+def _largest(mask: Flags, counts: Flags | None = None) -> Flags:
+    """Keep the largest connected part, by the cells that count."""
     parts, count = ndimage.label(mask)
-    return parts == 1 + np.argmax(np.bincount(parts.ravel())[1:]) if count else mask
+    weight = None if counts is None else counts.ravel()
+    return parts == 1 + np.argmax(np.bincount(parts.ravel(), weight)[1:]) if count else mask
 
 
 def _deepest(depth: Array, hidden: Flags) -> Flags:
@@ -626,17 +629,3 @@ def _lowest(grid: Grid, points: Array) -> tuple[Array, Flags]:
     height.ravel()[cells] = points[order, 2][first]
     seen.ravel()[cells] = True
     return height, seen
-
-
-def depth_of_holes(grid: Grid, lit: Array) -> Array:
-    """How many cells deep each cell lies in a hole of the pedestal's seen points; 0 where it was seen."""
-    if len(lit) < 10:
-        return np.full(grid.shape, 10.0)
-    tree = cKDTree(lit[:, :2])
-    distance, nearest = tree.query(grid.nodes_m.reshape(-1, 2))
-    used, inverse = np.unique(nearest, return_inverse=True)
-    spacing = tree.query(lit[used, :2], 7)[0][:, -1]
-    spacing = np.clip(spacing, grid.cell_m, _WIDEST_SPACING_CELLS * grid.cell_m)[inverse]
-    return np.minimum(np.maximum(distance - _HOLE_SPACINGS * spacing, 0.0) / grid.cell_m, 10.0).reshape(
-        grid.shape
-    )

@@ -29,6 +29,7 @@ class NearInterface:
     # (k, 3): places of the rim below sides that were seen higher up only, u, v, and their standard deviation.
     led_down: Array = field(default_factory=lambda: np.zeros((0, 3)))
     patches: Array = field(default_factory=lambda: np.zeros((0, 3)))  # (p, 3): the rock's surface all over
+    apart: tuple[Array, Array] | None = None  # of `seen_apart`
 
 
 def near_the_interface(rock: Array, pedestal: Array, height_m: float) -> tuple[Flags, Flags]:

@@ -16,12 +16,12 @@ from toppling.models.hidden_base.gap import (
     BaseObservation,
     Relief,
     Underside,
-    depth_of_holes,
 )
 from toppling.models.hidden_base.inspection import Inspection
 from toppling.models.hidden_base.near_interface import NearInterface
 from toppling.models.pedestal import Pedestal
 from toppling.models.relief import height_below
+from toppling.models.scan.crevice import depth_of_holes
 from toppling.models.scan.interface import Interface
 
 PLACES_ACROSS = 21
@@ -139,13 +139,13 @@ def hidden_part(
     low, lit, height_m = near.low, near.lit, near.height_m
     _check_on_interface(inspection, interface, height_m)
     grid, cell = under.grid, under.grid.cell_m
-    width_m = cell * float(np.sqrt(under.hidden.sum()))
+    width_m = cell * float(np.sqrt((under.hidden & ~under.apart).sum()))
     if not width_m:
         raise _no_base(under, low, lit)
     stride = max(1, round((interface.lattice_m or width_m / PLACES_ACROSS) / cell))
     chosen = np.zeros(grid.shape, bool)
     chosen[::stride, ::stride] = True
-    inner = grid.nodes_m[under.may_be_hidden & chosen]
+    inner = grid.nodes_m[under.may_touch & chosen]
     rim = _outlined(under, height_m) if under.outline is not None else _seen_rim(under, low, lit, height_m)
     _check_under_the_rock(inspection, interface, np.vstack([inner, rim.places_m]), height_m)
     inspection = _below_the_rock(inspection, interface, under)
@@ -172,7 +172,7 @@ def hidden_part(
         under.beyond_m(places),
         rim.drop_at_m(places),
     )
-    adjacent = near.patches[~under.may_be_hidden.ravel()[grid.index(near.patches)]]
+    adjacent = near.patches[~under.may_touch.ravel()[grid.index(near.patches)]]
     side = _smoothed(clearances(adjacent, interface, pedestal))
     free_m = least_gap[grid.index(places[touching])]
     return HiddenPart(under, observed, width_m, len(inner), inspection, side, free_m, pedestal)

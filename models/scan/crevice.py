@@ -16,7 +16,7 @@ from scipy.spatial import ConvexHull, cKDTree
 
 from toppling.models.arrays import Array, Flags, Indices, bounds_of, inside_box
 from toppling.models.errors import InputError
-from toppling.models.scan.interface import LEAST_SEEN, Interface, middle, sectors
+from toppling.models.scan.interface import LEAST_SEEN, UPWARD, Interface, middle, sectors
 from toppling.models.scan.segment import PEDESTAL, ROCK
 
 _CELLS_PER_PATCH = 1.2
@@ -27,6 +27,12 @@ _RELIEFS, _RELIEF_PER_HEIGHT = 3.0, 0.001
 the least one, over the rock's height."""
 _FOOT_PER_HEIGHT = 0.006
 """Distance outside the rock's outline on the ground up to which points that overhang the sheet are the rock's."""
+_HOLE_SPACINGS = 1.3
+"""A gap between seen points is a hole from this many of their spacings (to the seventh neighbour)."""
+_WIDEST_SPACING_CELLS = 4.0
+"""Points farther apart than this are strays: no ray went through between them."""
+BELOW_PER_HEIGHT = 0.03
+"""Depth below the interface over the rock's height beyond which a rock touches no land, and hangs over no edge."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,3 +255,45 @@ def not_strays(points: Array, alone: float = 3.0) -> Flags:
     # In the order of the tree's leaves, queries are three times as fast.
     distance[tree.indices] = tree.query(points[tree.indices], 7)[0][:, 1:].mean(axis=1)
     return distance < alone * np.median(distance)
+
+
+def seen_apart(flat_m: Array, normals: Array, rock: Flags, height_m: float) -> tuple[Array, Array]:
+    """Places (k, 3) at which rock and pedestal cannot touch, and those (m, 3) of the pedestal at which they may.
+
+    Land far below the interface that faces up was seen through the air above it, and a rock's underside hangs free
+    where the pedestal that shows nearest to it is such land. What of the pedestal overhangs may reach over the land.
+
+    flat_m, normals: (n, 3), patches as u, v and height over the interface, and their normals.
+    rock: (n,), which are the rock's.
+    height_m: of the rock.
+    """
+    low = ~rock & (flat_m[:, 2] < -BELOW_PER_HEIGHT * height_m)
+    land, under = low & (normals[:, 2] > UPWARD), rock & (normals[:, 2] < -UPWARD)
+    may_touch = ~rock & ~(low & (normals[:, 2] >= 0.0))
+    if land.any() and may_touch.any():
+        to_land, to_others = (cKDTree(flat_m[of, :2]).query(flat_m[:, :2])[0] for of in (land, may_touch))
+        land |= under & (to_land < to_others)
+    return flat_m[land], flat_m[may_touch]
+
+
+def cells_apart(grid: Grid, apart: tuple[Array, Array] | None) -> Flags:
+    """Cells in which rock and pedestal cannot touch, by what :func:`seen_apart` found."""
+    if apart is None or not all(map(len, apart)):
+        return np.zeros(grid.shape, bool)
+    nodes = grid.nodes_m.reshape(-1, 2)
+    to_apart, to_others = (cKDTree(places[:, :2]).query(nodes)[0].reshape(grid.shape) for places in apart)
+    return np.asarray((to_apart < to_others) & (depth_of_holes(grid, apart[0]) == 0.0))
+
+
+def depth_of_holes(grid: Grid, lit: Array) -> Array:
+    """How many cells deep each cell lies in a hole of the pedestal's seen points; 0 where it was seen."""
+    if len(lit) < 10:
+        return np.full(grid.shape, 10.0)
+    tree = cKDTree(lit[:, :2])
+    distance, nearest = tree.query(grid.nodes_m.reshape(-1, 2))
+    used, inverse = np.unique(nearest, return_inverse=True)
+    spacing = tree.query(lit[used, :2], 7)[0][:, -1]
+    spacing = np.clip(spacing, grid.cell_m, _WIDEST_SPACING_CELLS * grid.cell_m)[inverse]
+    return np.minimum(np.maximum(distance - _HOLE_SPACINGS * spacing, 0.0) / grid.cell_m, 10.0).reshape(
+        grid.shape
+    )

@@ -19,7 +19,7 @@ from toppling.models.hidden_base.observed import PLACES_ACROSS
 from toppling.models.pedestal import Pedestal
 from toppling.models.relief import height_below
 from toppling.models.rock import Rock
-from toppling.models.scan.crevice import Grid, grid_laplacian, grid_triangles
+from toppling.models.scan.crevice import Grid, cells_apart, grid_laplacian, grid_triangles, seen_apart
 from toppling.models.scan.interface import UPWARD, Interface, Planes, Sheet, reweighted_plane
 from toppling.models.scan.surfels import Surfels
 from toppling.models.scan.surroundings import Surroundings, few_triangles, is_ground
@@ -90,10 +90,9 @@ def pedestal_ground(surfels: Surfels, pedestal: Flags, rock: Rock, interface: In
     near = cKDTree(flat[top, :2]).query(flat[top, :2], min(_MEDIAN_OF, int(top.sum())))[1]
     flat[top, 2] = np.median(flat[top, 2][near], axis=1)
     lower = _lower(flat, top, nodes, cell)
-    # A base that was seen to hang where the pedestal lies lower hides no pedestal.
-    under = ~pedestal & (surfels.normals @ interface.normal < -UPWARD)
+    over, normals = interface.over(surfels.points_m), surfels.normals @ interface.axes
     standing = _inside(nodes, outline if interface.sheet is None else interface.sheet.ring_m)
-    standing &= ~(lower & _shown(interface.flat(surfels.points_m[under]), nodes, cell))
+    standing &= ~cells_apart(grid, seen_apart(over, normals, ~pedestal, height))
     # Every cell that the outline crosses is there and lies in the plane, so that the whole base rests on it.
     lost = _lost(lower, ndimage.binary_dilation(standing, np.ones((3, 3))))
     seat = ndimage.binary_dilation(standing, np.ones((3, 3)), iterations=2)
@@ -135,14 +134,6 @@ def _lower(flat: Array, top: Flags, nodes: Array, cell: float) -> Flags:
     to_top = tree_top.query(nodes.reshape(-1, 2))[0].reshape(nodes.shape[:2])
     to_below = cKDTree(below[:, :2]).query(nodes.reshape(-1, 2))[0].reshape(nodes.shape[:2])
     return ndimage.binary_opening(to_below < to_top, iterations=2)
-
-
-def _shown(flat: Array, nodes: Array, cell: float) -> Flags:
-    """Nodes at some patches (n, 3), over more than a narrow strip."""
-    near = np.zeros(nodes.shape[:2], bool)
-    if len(flat):
-        near |= cKDTree(flat[:, :2]).query(nodes.reshape(-1, 2))[0].reshape(near.shape) < cell
-    return ndimage.binary_opening(near, iterations=2)
 
 
 def _lost(lost: Flags, standing: Flags) -> Flags:

@@ -9,6 +9,7 @@ from toppling.models.arrays import Array, Flags
 from toppling.models.errors import InputError
 from toppling.models.hidden_base.near_interface import NearInterface, SidesSeen
 from toppling.models.scan.close import ClosedRock
+from toppling.models.scan.crevice import BELOW_PER_HEIGHT, seen_apart
 from toppling.models.scan.interface import Interface, middle
 from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scan.surfels import Surfels
@@ -58,8 +59,8 @@ def invention_warning(scene: Scene) -> str | None:
     return f"warning: {'; '.join(sentences)}" if sentences else None
 
 
-_BELOW_PER_HEIGHT, _BELOW_SHARE = 0.03, 0.002
-"""Depth below the interface, and the share of the rock's patches there, beyond which these are no strays."""
+_BELOW_SHARE = 0.002
+"""Share of the rock's patches far below the interface beyond which these are no strays."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,15 +83,17 @@ class ObservedRock:
         low, lit = interface.over(self.low_m), interface.over(self.lit_m)
         if not len(low):
             return NearInterface(low, lit, self.height_m)
-        patches = interface.over(self.surfels.points_m[self.patches])
-        sides = SidesSeen.of(patches, self.surfels.normals[self.patches] @ interface.axes, middle(low))
-        return NearInterface(low, lit, self.height_m, sides.led_down(0.0), patches)
+        over, normals = interface.over(self.surfels.points_m), self.surfels.normals @ interface.axes
+        apart = seen_apart(over, normals, self.patches, self.height_m)
+        patches = over[self.patches]
+        sides = SidesSeen.of(patches, normals[self.patches], middle(low))
+        return NearInterface(low, lit, self.height_m, sides.led_down(0.0), patches, apart)
 
 
 def check_above(observed: ObservedRock, interface: Interface) -> None:
     """Refuse a rock of which more than strays was seen below its interface: raises InputError."""
     over = interface.over(observed.surfels.points_m[observed.patches])
-    below = over[:, 2] < -_BELOW_PER_HEIGHT * observed.height_m
+    below = over[:, 2] < -BELOW_PER_HEIGHT * observed.height_m
     if below.mean() <= _BELOW_SHARE:
         return
     # A tenth of them may be strays.

@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
-from patches import LEVEL
+from patches import LEVEL, level
 
 from toppling.models.hidden_base.gap import Underside
 from toppling.models.hidden_base.inspection import Inspection
 from toppling.models.hidden_base.near_interface import NearInterface
 from toppling.models.hidden_base.observed import UNSEEN_STD_SHARE, clearances, hidden_part
 from toppling.models.pedestal import Pedestal
+from toppling.models.scan.crevice import seen_apart
 
 HEIGHT_M, RADIUS_M, PITCH_M, RIM_M = 2.0, 0.5, 0.01, 0.04
 
@@ -87,3 +88,21 @@ def test_a_clearance_is_taken_over_the_pedestals_surface_and_there_is_none_besid
     places = np.array([[0.0, 0.3, 0.05], [0.5, -0.2, 0.07], [3.0, 0.0, 0.1]])
     np.testing.assert_allclose(clearances(places, LEVEL, falls), [[0.0, 0.3, 0.15], [0.5, -0.2, 0.22]])
     np.testing.assert_array_equal(clearances(places, LEVEL, None), places)
+
+
+def test_a_rock_touches_nothing_where_land_was_seen_far_below_a_gap_in_its_underside():
+    """A slab on a neck, of whose underside more was not seen than the neck hides."""
+    places = level(1.0, 0.02)
+    away, gap = np.abs(places[:, :2]).max(axis=1), (places[:, 0] > 0.4) & (places[:, 0] < 0.8)
+    neck, slab = (away > 0.15) & (away < 0.2), places[(away > 0.2) & ~gap] + [0.0, 0.0, 0.01]
+    land = places[away > 0.2] - [0.0, 0.0, 0.5]
+    patches = np.vstack([slab, places[neck], land])
+    normals = np.tile([0.0, 0.0, 1.0], (len(patches), 1))
+    normals[: len(slab)] *= -1.0
+    apart = seen_apart(patches, normals, np.arange(len(patches)) < len(slab), HEIGHT_M)
+    under, without = (
+        Underside.of(NearInterface(slab, places[neck], HEIGHT_M, apart=found)) for found in (apart, None)
+    )
+    touching, unknown = (np.abs(u.grid.nodes_m[u.may_touch]).max(axis=-1) for u in (under, without))
+    assert touching.max() < 0.25
+    assert unknown.min() > 0.35

@@ -80,6 +80,7 @@ class Candidate:
     loop_m: Array  # (k, 3): the patches beyond the edges that are cut, of what it stands on
     carried: bool  # whether these face up, as those of a neck do not
     rivals: tuple["Candidate", ...] = ()  # cuts of like cost that leave much less or much more
+    hidden: bool = False  # whether most of where it parts from what is below was not seen
 
     def shared(self, other: "Candidate") -> float:
         """Surfels of both over those of either; by their places where they are not the same cloud's."""
@@ -119,23 +120,36 @@ def find_candidates(points_m: Array, coarse: Surfels) -> list[Candidate]:
     plane within it carries: a statue and not its plinth with it. The cuts of the highest are compared from near by, as
     the whole cloud's patches may be too wide for their crevice.
     """
-    edges = surface_edges(coarse)
+    seen, support = seen_and_support(coarse)
+    edges = np.vstack([seen, support])
     cuts = [
         _cut_at(coarse, edges, peak, share * (coarse.points_m[peak, 2] - level))
         for peak, level in _peaks(coarse, edges)
         for share in _TRIED_HEIGHTS
     ]
     on_planes = [cut for plane in _level_planes(coarse, edges) for cut in _on_plane(coarse, edges, plane)]
-    closed = [candidate for candidate in [*cuts, *on_planes] if candidate is not None and _closes(candidate)]
+    closed = [
+        candidate
+        for candidate in [*cuts, *on_planes]
+        if candidate and (candidate.hidden or _closes(candidate))
+    ]
+    part = joined_parts(seen, len(coarse.points_m))
+    for above in (part == number for number in distinct(part[support[:, 0]])):
+        peak = int(np.argmax(np.where(above, coarse.points_m[:, 2], -np.inf)))
+        if cut := cut_between(coarse, edges, above, ~above, peak):
+            closed.append(replace(cut, hidden=True))
     found: list[list[Candidate]] = []  # each thing's cuts, that which counts first
     for candidate in sorted(closed, key=lambda candidate: candidate.cost):
         own = next((k for k, cuts in enumerate(found) if (candidate.rock & cuts[0].rock).any()), None)
         if own is None:
             found.append([candidate])
-        elif candidate in on_planes and _is_upper(candidate, found[own][0]):
+        elif candidate in on_planes and not candidate.hidden and _is_upper(candidate, found[own][0]):
             found[own] = [candidate]
-        elif found[own][0] not in on_planes and _is_another(candidate, found[own]):
-            found[own].append(candidate)
+        elif candidate.hidden or found[own][0] not in on_planes:
+            if candidate.hidden:
+                found[own][1:] = [cut for cut in found[own][1:] if cut.shared(candidate) < _ONE_LINE]
+            if _is_another(candidate, found[own]):
+                found[own].append(candidate)
     found.sort(key=lambda cuts: -cuts[0].height_m)
     large = [cuts for cuts in found[:_ZOOMED] if cuts[0].height_m > _ZOOMED_SHARE * found[0][0].height_m]
     near_by = [_seen_near_by(points_m, cuts) for cuts in large]
@@ -149,7 +163,9 @@ def find_candidates(points_m: Array, coarse: Surfels) -> list[Candidate]:
 def _is_another(cut: Candidate, others: Iterable[Candidate]) -> bool:
     """Whether a cut leaves much less or more than each of some others; beside a neck, if it is another line at all."""
     return all(
-        cut.shared(other) < (_ONE_LINE if cut.carried > other.carried else _OTHER_SHARE) for other in others
+        cut.shared(other)
+        < (_ONE_LINE if cut.carried > other.carried or cut.hidden or other.hidden else _OTHER_SHARE)
+        for other in others
     )
 
 
@@ -166,11 +182,11 @@ def with_rivals(thing: Candidate, cuts: list[Candidate]) -> Candidate:
     """A thing with those of some cuts that cost like it and leave much less or much more than it and each other.
 
     What is cut off along a neck may be one with what is below: then a higher cut that follows what carries both is a
-    rival at any cost.
+    rival at any cost, and so are both where it was not seen how they part.
     """
     for cut in cuts:
         below = cut.carried > thing.carried and _ONE_LINE * cut.height_m > thing.height_m
-        like = cut.cost < _LIKE_COST * thing.cost or below
+        like = cut.cost < _LIKE_COST * thing.cost or below or cut.hidden or thing.hidden
         if like and _is_another(cut, (thing, *thing.rivals)):
             thing = replace(thing, rivals=(*thing.rivals, cut))
     return thing
@@ -225,7 +241,11 @@ def _seen_near_by(points_m: Array, cuts: list[Candidate]) -> tuple[Candidate, li
             finer = [
                 cut_between(surfels, edges, part, far, top) for part, top in zip(seeds, peaks, strict=True)
             ]
-            found += [thing for thing in finer[:2] if thing is not None]
+            found += [
+                replace(thing, hidden=True, loop_m=cut.loop_m) if cut.hidden else thing
+                for thing in finer[:2]
+                if thing is not None
+            ]
             beside += [other for other in finer[2:] if other and finer[1] and other.shared(finer[1]) == 0.0]
             if cut is cuts[0]:
                 tried = [_cut_at(surfels, edges, peaks[0], share * height, rim) for share in _TRIED_HEIGHTS]
@@ -306,16 +326,21 @@ def neighbourhood(points_m: Array, voxel_m: float) -> Indices:
 
 
 def surface_edges(surfels: Surfels) -> Indices:
-    """Pairs (m, 2) of neighbouring surfels, each once, also across a belt that nobody saw.
+    """Pairs (m, 2) of neighbouring surfels, each once, also across what nobody saw."""
+    return np.vstack(seen_and_support(surfels))
+
+
+def seen_and_support(surfels: Surfels) -> tuple[Indices, Indices]:
+    """Pairs (m, 2) of neighbours on a surface, and of patches that hang in the air with those that they stand on.
 
     A part of the cloud that stands apart goes on in another one if the nearest patches of the two lie in each other's
     planes all around it, with no crease between: a rock's crown above an unseen belt, but neither a branch above a rock
-    nor a rock on ground.
+    nor a rock on ground. Any other part stands on what was seen below it.
     """
     points, edges = surfels.points_m, neighbourhood(surfels.points_m, surfels.voxel_m)
     part = joined_parts(edges, len(points))
     sizes = np.bincount(part)
-    large, found = np.flatnonzero(sizes >= LEAST_SURFELS), [edges]
+    large, found, support = np.flatnonzero(sizes >= LEAST_SURFELS), [edges], [edges[:0]]
     for number in large[np.argsort(-sizes[large])][1:]:
         own, middle = part == number, points[part == number].mean(axis=0)
         if np.median(surfels.roughness[own]) > SURFACE_ROUGHNESS:
@@ -333,7 +358,20 @@ def surface_edges(surfels: Surfels) -> Indices:
         pair = pair[(off < np.sin(np.deg2rad(CREASE_DEG))) & (away_m < reach_m)]
         if len(np.unique(sectors(points[pair[:, 0]] - middle))) > _AROUND * SECTORS:
             found.append(pair)
-    return np.vstack(found)
+        else:
+            support.append(_support(surfels, np.flatnonzero(own), np.flatnonzero(part != number)))
+    return np.vstack(found), np.vstack(support)
+
+
+def _support(surfels: Surfels, own: Indices, other: Indices) -> Indices:
+    """Pairs (m, 2) of patches of a part below most of which others were seen, and of the highest of these."""
+    points, reach_m = surfels.points_m, _MEETS_VOXELS * surfels.voxel_m
+    away_m, over = cKDTree(points[own, :2]).query(points[other, :2])
+    lower = other[(away_m < reach_m) & (points[other, 2] < points[own[over], 2])]
+    if not len(lower) or np.median(cKDTree(points[lower, :2]).query(points[own, :2])[0]) > reach_m:
+        return np.empty((0, 2), np.int64)
+    top = lower[points[lower, 2] > points[lower, 2].max() - JOINED_VOXELS * surfels.voxel_m]
+    return np.column_stack([own[cKDTree(points[own]).query(points[top])[1]], top])
 
 
 def _facing(points: Array, own: Indices, other: Indices) -> Indices:
@@ -432,7 +470,7 @@ def _level_planes(surfels: Surfels, edges: Indices) -> list[Interface]:
 
 
 def _on_plane(surfels: Surfels, edges: Indices, plane: Interface) -> list[Candidate]:
-    """What stands on a plane with the plane seen around it."""
+    """What stands on a plane with the plane seen around it, or going on below it in a quarter of the directions."""
     points, voxel = surfels.points_m, surfels.voxel_m
     flat = plane.flat(points)
     height = flat[:, 2]
@@ -450,14 +488,20 @@ def _on_plane(surfels: Surfels, edges: Indices, plane: Interface) -> list[Candid
         if height[thing].max() < LEAST_PEAK_VOXELS * voxel or not bottom.any() or not top.any():
             continue
         away, _ = cKDTree(flat[bottom, :2]).query(flat[top, :2])
-        offset = flat[top][away < _BESIDE_VOXELS * voxel, :2] - flat[bottom, :2].mean(axis=0)
-        if len(np.unique(sectors(offset))) < _SURROUNDED * SECTORS:
+        middle, reach = flat[bottom, :2].mean(axis=0), np.zeros(SECTORS)
+        own, offset = flat[thing, :2] - middle, flat[top, :2] - middle
+        np.maximum.at(reach, sectors(own), np.hypot(*own.T))
+        below = np.hypot(*offset.T) < reach[sectors(offset)] - JOINED_VOXELS * voxel
+        hidden = len(np.unique(sectors(offset[away < _BESIDE_VOXELS * voxel]))) < _SURROUNDED * SECTORS
+        if hidden and 4 * len(np.unique(sectors(offset[below]))) < SECTORS:
             continue
         peak = int(np.argmax(np.where(thing, height, -np.inf)))
         seeds, far = thing_and_rest(surfels, edges, thing, peak, height)
         candidate = cut_between(surfels, edges, seeds, far, peak, height) if far.any() else None
         if candidate is not None:
-            found.append(candidate)
+            loop = candidate.loop_m
+            on_plane = loop - np.outer((loop - plane.point_m) @ plane.normal, plane.normal)
+            found.append(replace(candidate, hidden=True, loop_m=on_plane) if hidden else candidate)
     return found
 
 

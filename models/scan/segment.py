@@ -48,6 +48,16 @@ def choose(candidates: list[Candidate], near_m: Array | None, origin_m: Array, c
     if near_m is None and rivals:
         what = f"{1 + len(rivals)} things of like size stand there"
         raise _several(f"{what}, tops at x, y: {_tops([chosen, *rivals], origin_m)}")
+    if _ends_with_survey(chosen, coarse):
+        raise InputError(
+            "scan.cut_by_survey",
+            f"what stands there, {chosen.height_m:.2g} m high, ends where the cloud ends along more of its outline "
+            "than at a crease or gap: it may be a cliff behind the rock",
+            where="segmentation",
+            expected="a rock that was seen to end on all sides",
+            remedy="crop the cloud to the rock and what it stands on, without what is behind it, or give the rock and "
+            "the rest as --rock and --pedestal",
+        )
     if chosen.rivals:
         seen = [
             f"{thing.height_m:.3g} m high above "
@@ -57,13 +67,22 @@ def choose(candidates: list[Candidate], near_m: Array | None, origin_m: Array, c
         ]
         raise InputError(
             "scan.several_creases",
-            f"a crease goes around one thing at several heights: as a rock it is {', or '.join(seen)}",
+            f"by the creases and gaps around it one thing may end at several heights: it is {', or '.join(seen)}",
             where="segmentation",
             expected="one crease, or a hint which one parts the rock from its pedestal",
             remedy="give the three --point of one of them, as printed here, or click three places where the two meet "
             "with --pick",
         )
     return chosen
+
+
+def _ends_with_survey(thing: Candidate, coarse: Surfels) -> bool:
+    """Whether a thing ends along more of the survey's outline, without turning back there, than of a crease or gap."""
+    lines = ConvexHull(coarse.points_m[:, :2]).equations
+    inward_m = -(thing.surfels.points_m[thing.rock, :2] @ lines[:, :2].T + lines[:, 2])
+    facing = np.einsum("ij,ij->i", thing.surfels.normals[thing.rock, :2], lines[inward_m.argmin(axis=1), :2])
+    at_end = (inward_m.min(axis=1) < JOINED_VOXELS * coarse.voxel_m) & (facing < 0.5)
+    return int(at_end.sum()) > len(thing.loop_m) > 0
 
 
 def _several(seen: str) -> InputError:

@@ -17,7 +17,7 @@ from toppling.models.scan.candidates import (
     cut_between,
     find_candidates,
     neighbourhood,
-    surface_edges,
+    seen_and_support,
     with_rivals,
 )
 from toppling.models.scan.close import ClosedRock
@@ -152,12 +152,63 @@ def test_a_crown_that_was_taken_for_pedestal_carries_nothing():
     assert (found.normal[2], found.point_m[2]) == pytest.approx((1.0, 0.0), abs=1e-6)
 
 
-def test_a_crown_goes_on_below_a_belt_that_nobody_saw_and_a_sheet_over_a_rock_does_not():
+def test_a_crown_goes_on_below_a_belt_that_nobody_saw_and_a_sheet_over_a_rock_stands_on_it():
     seen = (BLOCK[0][:, 2] < 0.6) | (BLOCK[0][:, 2] > 0.7)
     sheet = wall((-0.25, -0.25, 1.1), (0.5, 0, 0), (0, 0.5, 0), (0, 0, 1))
     for points, normals, joined in ((BLOCK[0][seen], BLOCK[1][seen], True), (*together(BLOCK, sheet), False)):
         surfels = Surfels(points, normals, np.zeros(len(points)), VOXEL_M)
-        assert (len(surface_edges(surfels)) > len(neighbourhood(points, VOXEL_M))) == joined
+        surface, support = seen_and_support(surfels)
+        assert (len(surface) > len(neighbourhood(points, VOXEL_M))) == joined
+        assert (len(support) > 0) != joined
+        assert np.all(points[support[:, 1], 2] > 0.9)
+
+
+def asked_of(points, *heights):
+    """Whether the user is asked which of the creases at some heights is meant."""
+    surfels = orient(thin(points, 2.0 * VOXEL_M)[0], 2.0 * VOXEL_M)
+    with refused("scan.several_creases") as error:
+        choose(find_candidates(points, surfels)[:1], None, np.zeros(3), surfels)
+    offered = np.array(re.findall(r"--point [^,]+,[^,]+,([-.0-9]+)", error.value.what), float)
+    assert sorted(offered.reshape(-1, 3).mean(axis=1)) == pytest.approx(heights, abs=0.08)
+
+
+def test_a_plate_whose_joint_with_its_stem_nobody_saw_may_be_the_rock_or_be_one_with_it():
+    points, normals = together(
+        box((-0.15, -0.15, 0.0), (0.15, 0.15, 0.6)), box((-0.6, -0.5, 0.75), (0.6, 0.5, 1.0)), ground(0.16)
+    )
+    asked_of(points[~((normals[:, 2] > 0.5) & (points[:, 2] > 0.5) & (points[:, 2] < 0.7))], 0.0, 0.6)
+
+
+def test_a_joint_that_shows_as_an_opening_on_one_side_is_asked_about():
+    lower, upper = box((-0.4, -0.4, 0.0), (0.4, 0.4, 0.6)), box((-0.4, -0.4, 0.7), (0.4, 0.4, 1.5))
+    inside = box((-0.4, -0.1, 0.6), (0.4, 0.4, 0.7))
+    underside = wall((-0.4, -0.4, 0.7), (0.8, 0, 0), (0, 0.3, 0), (0, 0, -1))
+    points, normals = together(lower, upper, inside, underside, ground(0.41))
+    asked_of(
+        points[
+            ~((points[:, 2] > 0.55) & (points[:, 2] < 0.71) & (normals[:, 2] > 0.5) & (points[:, 1] > -0.1))
+        ],
+        0.0,
+        0.6,
+    )
+
+
+@pytest.mark.parametrize(("half_m", "code"), [(1.5, "scan.cut_by_survey"), (1.0, None)])
+def test_what_ends_where_the_survey_ends_was_not_seen_to_close(half_m, code):
+    """A cliff behind the ground, as wide as the survey or with corners that were seen."""
+    cliff, floor = (
+        box((-half_m, 0.5, 0.0), (half_m, half_m, 2.0), "news" if half_m < 1.5 else "s"),
+        ground(0.0),
+    )
+    points, normals = together(cliff, floor)
+    surfels = Surfels(points, normals, np.zeros(len(points)), VOXEL_M)
+    rock, loop = np.arange(len(points)) < len(cliff[0]), points[np.abs(points[:, 1] - 0.5) < 0.5 * VOXEL_M]
+    thing = Candidate(2.0, points[0], surfels, rock, 0.5, 1.0, loop[loop[:, 2] == 0.0], True)
+    if code is None:
+        assert choose([thing], None, np.zeros(3), surfels) is thing
+    else:
+        with refused(code):
+            choose([thing], None, np.zeros(3), surfels)
 
 
 def test_a_belly_that_hides_its_own_foot_is_given_the_nearest_pedestal_that_was_seen():

@@ -108,6 +108,9 @@ class ContactProperties:
 CONTACT_SHARE_OF_HEIGHT = 1e-6
 """Distance from the interface plane within which points are in contact, as a fraction of the rock's height."""
 
+LARGEST_OPEN_TILT_DEG = 75.0
+"""Tilt beyond which a rock's fate is decided; points that touch only later are left out."""
+
 TOPPLED_TILT_DEG = 45.0
 """Tilt at rest beyond which a rock counts as toppled, degrees."""
 

@@ -110,27 +110,6 @@ def turn_under(arms_m: Array, normals: Array, size_m: float, force_m_s2: Array) 
     return Turn(arms[best], axes[best]) if len(gains) and gains[best] > 0.0 else None
 
 
-def carried_on(
-    turn: Turn, arms_m: Array, normals: Array, inertia_m2: Array, size_m: float
-) -> tuple[Turn | None, float]:
-    """The rotation with which a rock that turns goes on, and the share of its energy that it keeps.
-
-    No contact that lands slips or rebounds, so their impulses do no work on the motion after. The inertia (3, 3) is
-    over mass.
-    """
-    places = np.vstack([turn.arm_m, arms_m])
-    onward = _that_open(places, np.tile(turn.axis, (len(places), 1)), arms_m, normals, size_m)
-    start, axis = map(np.vstack, zip(onward, _axes(arms_m, normals, size_m), strict=True))
-    arms, axes = np.vstack([turn.arm_m, start]), np.vstack([turn.axis, axis])
-    moved, spun = crossed(arms, axes), axes @ inertia_m2
-    twice_energy = (moved**2).sum(axis=1) + (spun * axes).sum(axis=1)
-    along = (moved @ moved[0] + spun @ turn.axis) / np.sqrt(twice_energy * twice_energy[0])
-    best = 1 + int(along[1:].argmax()) if len(start) else 0
-    if not best or along[best] <= 0.0:
-        return None, 0.0
-    return Turn(arms[best], axes[best]), float(along[best] ** 2)
-
-
 def _that_open(
     start_m: Array, axis: Array, arms_m: Array, normals: Array, size_m: float
 ) -> tuple[Array, Array]:

@@ -3,8 +3,8 @@
 A rock leaves a pose where a rotation without slip gains energy (:mod:`toppling.models.pivots`) and friction does not
 prevent it: contacts with other normals, or at other heights, may hold on. Friction holds what the contact solver of the
 shakes keeps at rest (:mod:`toppling.models.ground.equilibrium`); where it holds less than rest without slip takes, the
-rock slides. From there it turns by small steps about the axis that gains most energy, on one smooth contact along its
-equilibria.
+rock slides. It rolls by small steps over smooth contacts, on one along its equilibria. Where no pose near by supports
+more, it falls under a slightly larger acceleration, by the time steps and impacts of the shakes, until it rests again.
 """
 
 from __future__ import annotations
@@ -22,44 +22,38 @@ from toppling.models.errors import InputError
 from toppling.models.frames import horizontal_unit_vector
 from toppling.models.ground.body import GroundedBody
 from toppling.models.ground.contacts import LEANING, MOST
-from toppling.models.ground.equilibrium import from_rest, held_up_to_m_s2, shortest
+from toppling.models.ground.equilibrium import held_up_to_m_s2, shortest
 from toppling.models.ground.pairs import REACH
 from toppling.models.ground.rolling import FIRST_KEY as FIRST_SMOOTH_KEY
-from toppling.models.ground.stepping import Grounded, contacts_at
-from toppling.models.pivots import OPENS, Turn, carried_on, crossed, on_one_line, tips_m_s2, turn_under
+from toppling.models.ground.stepping import Grounded, contacts_at, fall
+from toppling.models.pedestal import LARGEST_OPEN_TILT_DEG
+from toppling.models.pivots import OPENS, Turn, crossed, on_one_line, tips_m_s2, turn_under
 from toppling.models.statics import STEEP, TOPPLED_TILT_DEG, Limits
 
 _STEP_SHARE = 0.008
-"""Length of a step on smooth contacts, which roll, as a fraction of the half diagonal R."""
-
-_STEP_OF_SLACK = 0.25
-"""Longest step on other contacts, about which a rock turns until the next one lands, over the way for which pairs of
-features are listed: a list serves for the contacts of two such steps and more."""
+"""Longest step, as a fraction of the half diagonal R."""
 
 _LEAST_STEP_SHARE = 2e-4
 """Shortest step, as a fraction of R, towards the peak of a rolling rock."""
 
-_TOUCHING_SHARES = (1e-6, 1e-5, 1e-4)
-"""Gap up to which a contact carries, as a fraction of R: the least with which a path ends. On a fine rough base what a
-step has hardly left lands again and again, unless it counts as touching."""
-
 _CLOSED = 0.01
 """Gap over that up to which a contact carries below which nothing is left to close."""
 
-_PRESSED_SHARE = 1e-5
-"""Length of the step that closes the gaps opened by a rotation, or left of a rock that was let down, over R."""
+_TOUCHING_SHARE, _PRESSED_SHARE = 1e-6, 1e-5
+"""Gap over R up to which a contact carries, and length of the step that closes gaps, as of a rock that was let down."""
 
-_TIPPED_COSINE = math.cos(math.radians(0.5 * TOPPLED_TILT_DEG))  # of half the largest tilt of the path
+_TIPPED_COSINE = math.cos(math.radians(TOPPLED_TILT_DEG))
 
-_GATHERED = 3e-3
-"""Energy per mass over g R up to which a rock on smooth contacts counts as at rest, and none as fallen: it gathers so
-much over the unevenness of its base, or in a fall of 4 degrees about an edge."""
+_FALLEN = 3e-3
+"""Height over R by which a rock has sunk that has fallen: in a fall of 4 degrees about an edge it sinks by less."""
 
-_BEYOND = 0.01
-"""Share by which the acceleration that moves the rock on, and a hundredth of g, exceed the largest at rest."""
+_UNSURE, _MORE = 1e-3, 1e-4
+"""Shares of an acceleration, and of g: up to which two are equal, as contacts are known to some micrometres, and by
+which the one that moves a rock on exceeds the largest at rest."""
 
-_UNSURE = 1e-3
-"""Share of an acceleration, and of g, up to which two are equal: contacts are known to some micrometres."""
+_STEPS_OF_FALL, _LONGEST_FALL, _RESOLVED, _STILL = 48, 100, 1e-4, 1e-5
+"""Steps within sqrt(R / g), number of such times in which a rock comes to rest, and speeds over sqrt(g R) of a contact
+that is stopped at a step's end and of a rock at rest."""
 
 _ROLLED_RAD, _BALANCED_RAD, _MOST_CORRECTIONS = 1e-3, 1e-4, 3
 """Angle by which a rock on one smooth contact is rolled to see how its balance changes; from its equilibrium, of one
@@ -69,7 +63,7 @@ _NEUTRAL = 2e-3
 """Change of that balance with the angle rolled, over g R, below which there is none: that of a ball's mesh."""
 
 _ROUNDING = 1e-12  # acceleration over g
-_MOST_GRAVITIES = 30.0  # acceleration, over g, beyond which a pose supports any
+_MOST_GRAVITIES = 30.0  # acceleration, over g, beyond which a pose supports any; and a friction without slip
 _MOST_STEPS = 1200  # of a path
 
 
@@ -88,10 +82,9 @@ def _followed(body: GroundedBody, azimuth_deg: float) -> tuple[float, float]:
 
     Raises InputError if the path does not end.
     """
-    for touching_share in _TOUCHING_SHARES:
-        path = _Path(body, azimuth_deg, touching_share * body.size_m)
-        if any(path.ends() for _ in range(_MOST_STEPS)):
-            return path.best_m_s2, path.slides_m_s2
+    path = _Path(body, azimuth_deg)
+    if any(path.ends() for _ in range(_MOST_STEPS)):
+        return path.best_m_s2, path.slides_m_s2
     raise InputError(
         "scene.statics_unfinished",
         f"the rock rocks over more than {_MOST_STEPS} contacts where the ground accelerates toward {azimuth_deg:g}",
@@ -115,22 +108,23 @@ class _Support(NamedTuple):
 class _Path:
     """A rock under an acceleration that grows slowly toward one azimuth.
 
-    Where a pose supports less than the best so far, the rock gathers energy, and turns on as it did; contacts that land
-    take of it. The path ends beyond the largest tilt, or where what stands beside the rock catches it.
+    Where no pose near by supports more than the best so far, the rock falls as in a shake. The path ends where it does
+    not come to rest within the largest tilt, or where what stands beside the rock catches it.
     """
 
-    def __init__(self, body: GroundedBody, azimuth_deg: float, touching_m: float) -> None:
+    def __init__(self, body: GroundedBody, azimuth_deg: float) -> None:
         self.body, self.size_m, self.g, self.load = body, body.size_m, body.gravity_m_s2, body.load_m_s2()
         self.push = -horizontal_unit_vector(azimuth_deg) @ body.scene_from_support
-        self.touching_m, self.travel_m = touching_m, 0.25 * _STEP_SHARE * self.size_m
+        self.touching_m, self.travel_m = _TOUCHING_SHARE * self.size_m, 0.25 * _STEP_SHARE * self.size_m
         self.start, self.sim = body.resting_pose, body.clockless(body.resting_pose, 1.0)
+        self.upright = Rotation.from_quat(self.start[3:]).inv().apply([0.0, 0.0, 1.0])
         shift_m = self.load * (_PRESSED_SHARE * self.size_m / self.g)
         self.pose = _pressed(body, self.start, _near(self.sim, self.start, self.travel_m), shift_m)
         self._looks()
         self.last = self.peak = self.prior = self.pose
-        self.best_m_s2, self.slides_m_s2, self.gathered_j_kg = 0.0, np.inf, 0.0
+        self.best_m_s2, self.slides_m_s2, self.borne_m_s2 = 0.0, np.inf, 0.0
         self.turn: Turn | None = None
-        self.pivot_m, self.fell, self.rolled = self.pose[:3], False, False
+        self.fell, self.rolled = False, False
         self.short = self.corrections = 0
 
     def ends(self) -> bool:
@@ -143,33 +137,71 @@ class _Path:
                 self.pose = _about(self.pose, back, off_rad)
                 self._closes()
                 return False
-        self.corrections, away_m = 0, float(np.linalg.norm(self.pose[:3] - self.start[:3]))
-        beyond = abs(self.start[3:] @ self.pose[3:]) < _TIPPED_COSINE or away_m > self.size_m
-        lost = self.rolled and self.last is self.peak is not self.pose
-        lost = lost and bool(at.held_m_s2 < self.best_m_s2 or beyond)
-        if lost and self.travel_m > _LEAST_STEP_SHARE * self.size_m:
+        self.corrections = 0
+        held_m_s2, self.borne_m_s2 = max(at.held_m_s2 if at.rests else 0.0, self.borne_m_s2), 0.0
+        beyond, lost = self._is_beyond(), self.rolled and self.last is self.peak is not self.pose
+        if held_m_s2 > self.best_m_s2 + _ROUNDING * self.g and not beyond:
+            if self.fell and not _stands_on_what_is_below(self.body, at.touching, self.push):
+                return True
+            self.slides_m_s2 = min(self.slides_m_s2, at.slides_m_s2)
+            self.best_m_s2 = held_m_s2 if held_m_s2 <= _MOST_GRAVITIES * self.g else np.inf
+            if self.best_m_s2 == np.inf:
+                return True
+            self.fell, self.rolled = False, at.rolls
+            self.peak, self.prior, self.short = self.pose, self.last, self.short - 1
+        elif lost and self.travel_m > _LEAST_STEP_SHARE * self.size_m:
             # The largest lies between the pose before and this one: go back, and take shorter steps between them.
             self.pose = self.last = self.prior
             self._looks()
-            at, self.short, turns_on = self._support(), 8, None
+            at, self.short = self._support(), 8
             self.travel_m *= 0.25
             if len(at.touching) == 1:
                 onward, _, off_rad = _rolled_on(self.sim, self.pose, at.touching, self.push, self.turn)
-        elif beyond:
-            return True
         else:
-            turns_on = self._carried_on(at)
-            if turns_on is None and at.rests and at.held_m_s2 > self.best_m_s2 + _ROUNDING * self.g:
-                if self.fell and not _stands_on_what_is_below(self.body, at.touching, self.push):
-                    return True
-                self.slides_m_s2 = min(self.slides_m_s2, at.slides_m_s2)
-                self.best_m_s2 = at.held_m_s2 if at.held_m_s2 <= _MOST_GRAVITIES * self.g else np.inf
-                if self.best_m_s2 == np.inf:
-                    return True
-                self.gathered_j_kg, self.fell, self.rolled = 0.0, False, at.rolls
-                self.peak, self.prior = self.pose, self.last
-            self.last, self.short = self.pose, self.short - 1
-        return not self._turns(at, onward if off_rad < _STEP_SHARE else turns_on)
+            return beyond or not self._falls()
+        self.last = self.pose
+        return not (self._turns(at, onward if off_rad < _STEP_SHARE else None) or self._falls())
+
+    def _is_beyond(self) -> bool:
+        """Whether the rock has tilted farther, or moved, than it may and count as standing."""
+        away_m = float(np.linalg.norm(self.pose[:3] - self.start[:3]))
+        return self._is_tilted() or away_m > self.size_m
+
+    def _is_tilted(self) -> bool:
+        return float(Rotation.from_quat(self.pose[3:]).apply(self.upright)[2]) < _TIPPED_COSINE
+
+    def _more_m_s2(self) -> float:
+        """An acceleration that moves the rock on from the best of its poses."""
+        return self.best_m_s2 + _MORE * (self.best_m_s2 + self.g)
+
+    def _falls(self) -> bool:
+        """Let the rock go from its pose, by the steps of the shakes; whether it is at rest again, and near by."""
+        body, unit_s = self.body, math.sqrt(self.size_m / self.g)
+        force = self.load + self._more_m_s2() * self.push
+        friction = body.friction[0] if self.slides_m_s2 == np.inf else _MOST_GRAVITIES
+        (rock, ground), speed_m_s = body.moving, math.sqrt(self.size_m * self.g)
+        sim = self.sim._replace(
+            rock=rock, ground=ground, gravity_m_s2=force, friction=(friction, friction),
+            resolved_m_s=_RESOLVED * speed_m_s, step_s=unit_s / _STEPS_OF_FALL,
+        )  # fmt: skip
+        sim.pose[0], sim.counts[:] = self.pose, 0
+        bounds = math.cos(math.radians(LARGEST_OPEN_TILT_DEG)), self.size_m, _STILL * speed_m_s
+        steps = _STEPS_OF_FALL * _LONGEST_FALL, _STEPS_OF_FALL
+        rests, sunk_m = fall(sim, self.upright, body.scene_from_support[2].copy(), bounds, steps)
+        before, self.pose = self.pose, sim.pose[0].copy()
+        if not rests and not self._is_beyond():
+            self.pose = body.settled(self.pose, force)
+        elif not rests and not self._is_tilted() and self.slides_m_s2 == np.inf:
+            # It slides off, so it goes on without slip.
+            self.pose, self.slides_m_s2 = before, self.best_m_s2
+            return self._falls()
+        self.fell |= sunk_m > _FALLEN * self.size_m
+        self.borne_m_s2 = self._more_m_s2()
+        self.turn, self.rolled, self.travel_m = None, False, 0.25 * _STEP_SHARE * self.size_m
+        self.touching_m = _PRESSED_SHARE * self.size_m  # the shakes leave gaps of some millionths of R
+        self._looks()
+        self._closes()
+        return not self._is_beyond()
 
     def _looks(self) -> np.ndarray:
         """The contacts near by. The next step is no longer than what was looked at: beyond it others may land."""
@@ -205,10 +237,16 @@ class _Path:
             grips, highest = touching.copy(), min(most, highest)
             grips["arm_m"] = 0.0
         between, inertia_m2 = (self.best_m_s2, max(self.best_m_s2, highest)), self._inertia_m2()
-        gripped = held_up_to_m_s2(grips, self.body.friction[0], inertia_m2, self.load, self.push, between)
+
+        def gripped(friction: float) -> float | None:
+            return held_up_to_m_s2(grips, friction, inertia_m2, self.load, self.push, between)
+
+        held = gripped(self.body.friction[0])
         if most is None:
-            return gripped is not None, gripped or self.best_m_s2, np.inf
-        slides = self.best_m_s2 if gripped is None else gripped
+            most = gripped(_MOST_GRAVITIES)
+        if most is None:
+            return False, self.best_m_s2, np.inf
+        slides = self.best_m_s2 if held is None else held
         unsure_m_s2 = _UNSURE * (min(most, highest) + self.g)
         if slides < most - unsure_m_s2:
             return True, most, slides
@@ -220,42 +258,20 @@ class _Path:
         inertia_m2: Array = axes * self.body.inertia_m2 @ axes.T
         return inertia_m2
 
-    def _carried_on(self, at: _Support) -> Turn | None:
-        """The rotation with which what energy is left carries the rock on; None if none does."""
-        force, moved_m = self.load + self.best_m_s2 * self.push, self.pose[:3] - self.last[:3]
-        self.gathered_j_kg = max(self.gathered_j_kg + float(force @ moved_m), 0.0)
-        if self.turn is None:
-            return None
-        turn = Turn(self.pivot_m - self.pose[:3], self.turn.axis)
-        contacts = at.touching["arm_m"], at.touching["normal"]
-        turns_on, kept = carried_on(turn, *contacts, self._inertia_m2(), self.size_m)
-        self.gathered_j_kg *= kept
-        moves = self.gathered_j_kg > _GATHERED * self.size_m * self.g
-        self.fell |= moves and float(self.load @ moved_m) > 0.0
-        if not at.rolls:
-            moves = turns_on is not None and self.gathered_j_kg > _climb(turns_on, force, at.apart)
-        return turns_on if moves else None
-
     def _turns(self, at: _Support, turn: Turn | None) -> bool:
-        """Turn by a step; whether anything carries the rock on."""
+        """Turn by a step, unless no rotation gains energy; whether it has."""
         if turn is None:
-            # Elsewhere than at rest it goes on under the acceleration that moved it, to where that holds it again.
-            force = self.load + ((1.0 + _BEYOND) * self.best_m_s2 + _BEYOND * self.g) * self.push
-            if self.slides_m_s2 == np.inf and not at.rolls:
-                turn = _turn_of(from_rest(at.touching, self.body.friction[0], self._inertia_m2())(force))
-            else:
-                turn = turn_under(at.touching["arm_m"], at.touching["normal"], self.size_m, force)
+            force = self.load + self._more_m_s2() * self.push
+            turn = turn_under(at.touching["arm_m"], at.touching["normal"], self.size_m, force)
         if turn is None:
             return False
-        self.turn, self.pivot_m = turn, self.pose[:3] + turn.arm_m
+        self.turn, self.touching_m = turn, _TOUCHING_SHARE * self.size_m
         arms_m, near = at.touching["arm_m"] - turn.arm_m, at.touching
         opening = (crossed(turn.axis, arms_m) * near["normal"]).sum(axis=1)
         stay = near["key"][(opening < OPENS * self.size_m) & (near["key"] >= FIRST_SMOOTH_KEY)]
         self.pose = _turned(self.body, self.pose, at.apart, turn, self.travel_m)
         if self.short <= 0:
-            smooth = (near["key"] >= FIRST_SMOOTH_KEY).any()
-            longest_m = _STEP_SHARE * self.size_m if smooth else _STEP_OF_SLACK * self.sim.lists.slack_m[0]
-            self.travel_m = min(2.0 * self.travel_m, longest_m)
+            self.travel_m = min(2.0 * self.travel_m, _STEP_SHARE * self.size_m)
         self._closes(stay if len(stay) > 1 else ())
         return True
 
@@ -276,35 +292,6 @@ class _Path:
             free_m = -close_m * normals / max(float(np.linalg.norm(normals)), 1e-9)
             self.pose = _pressed(self.body, self.pose, near, free_m, stay)
         self._looks()
-
-
-def _turn_of(moves: Array) -> Turn | None:
-    """The rotation of a motion (6,), without what goes along its axis; None of a translation."""
-    velocity, spin = moves[:3], moves[3:]
-    rate = float(np.linalg.norm(spin))
-    return Turn(crossed(spin, velocity) / rate**2, spin / rate) if rate > 0.0 else None
-
-
-def _climb(turn: Turn, force: Array, apart: np.ndarray) -> float:
-    """Energy per mass up to a rotation's balance, or to where a contact lands; infinite where the force turns it."""
-    com = -turn.arm_m + (turn.arm_m @ turn.axis) * turn.axis
-    side = crossed(turn.axis, com)
-    along, ahead = float(com @ force), float(side @ force)
-    to_balance = math.atan2(-ahead, -along)
-    if to_balance <= 0.0:
-        return np.inf
-    angle = float(_lands_rad(turn, apart).min(initial=to_balance))
-    return along * (1.0 - math.cos(angle)) - ahead * math.sin(angle)
-
-
-def _lands_rad(turn: Turn, apart: np.ndarray, beyond_m: float = 0.0) -> Array:
-    """Angles of a rotation, to their second order, at which contacts land, or are so far beyond; infinite if never."""
-    arms_m, gaps_m = apart["arm_m"] - turn.arm_m, apart["gap_m"] + beyond_m
-    moved = crossed(turn.axis, arms_m)
-    opens, turns = ((way * apart["normal"]).sum(axis=1) for way in (moved, crossed(turn.axis, moved)))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        angles = 2.0 * gaps_m / (np.sqrt(opens**2 - 2.0 * turns * gaps_m) - opens)
-    return np.where(angles >= 0.0, angles, np.inf)
 
 
 def _stands_on_what_is_below(body: GroundedBody, touching: np.ndarray, push: Array) -> bool:
@@ -372,12 +359,14 @@ def _rolled_on(
 
 
 def _turned(body: GroundedBody, pose: Array, apart: np.ndarray, turn: Turn, travel_m: float) -> Array:
-    """A pose turned by a step, or by less to where one of the contacts that are apart carries."""
-    apart = apart[apart["key"] < FIRST_SMOOTH_KEY]
-    angle = travel_m / body.size_m
-    lands = _lands_rad(turn, apart, _PRESSED_SHARE * body.size_m) < angle
-    angle = float(_lands_rad(turn, apart[lands]).min(initial=angle))
-    return _about(pose, turn, angle)
+    """A pose turned by a step, or by less to where, to the second order, one of the contacts that are apart lands."""
+    apart, angle = apart[apart["key"] < FIRST_SMOOTH_KEY], travel_m / body.size_m
+    moved = crossed(turn.axis, apart["arm_m"] - turn.arm_m)
+    opens, turns = ((way * apart["normal"]).sum(axis=1) for way in (moved, crossed(turn.axis, moved)))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        lands = 2.0 * apart["gap_m"] / (np.sqrt(opens**2 - 2.0 * turns * apart["gap_m"]) - opens)
+    deep = opens * angle + 0.5 * turns * angle**2 < -apart["gap_m"] - _PRESSED_SHARE * body.size_m
+    return _about(pose, turn, float(lands[deep & (lands >= 0.0)].min(initial=angle)))
 
 
 def _pressed(

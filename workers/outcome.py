@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from toppling.models.compiled import Array
 from toppling.models.frames import azimuth_deg
-from toppling.models.ground.points import LARGEST_OPEN_TILT_DEG, ContactModel
+from toppling.models.ground.points import ContactModel
+from toppling.models.pedestal import LARGEST_OPEN_TILT_DEG
 from toppling.models.rock import Trajectory
 from toppling.models.statics import TOPPLED_FALL, TOPPLED_TILT_DEG
 from toppling.workers.problem import Problem

@@ -27,11 +27,12 @@ from toppling.models.ground.plane import (
     not_listed,
     plane_points,
 )
-from toppling.models.ground.points import LARGEST_OPEN_TILT_DEG, contact_of
+from toppling.models.ground.points import contact_of
 from toppling.models.ground.rigid import excitation
 from toppling.models.ground.rolling import NO_ROLLING, RollingSurface, rolling_surface
 from toppling.models.ground.stepping import Grounded, settle, work_room
 from toppling.models.motions.motion import Motion
+from toppling.models.pedestal import LARGEST_OPEN_TILT_DEG
 from toppling.models.scene import Scene
 from toppling.models.shapes import box
 from toppling.models.statics import STEEP, TOPPLED_FALL

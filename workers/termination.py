@@ -11,9 +11,9 @@ import numpy as np
 from toppling.models.compiled import Array, Vector, compiled, inner
 from toppling.models.ground.body import RESTING_SHARE
 from toppling.models.ground.plane import is_over_plane
-from toppling.models.ground.points import LARGEST_OPEN_TILT_DEG
 from toppling.models.ground.rigid import cross, dot, minus, plus, rotation_of
 from toppling.models.ground.stepping import Grounded
+from toppling.models.pedestal import LARGEST_OPEN_TILT_DEG
 from toppling.models.scene import Scene
 from toppling.models.statics import TOPPLED_FALL
 from toppling.workers import standing

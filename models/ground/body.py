@@ -238,12 +238,17 @@ class GroundedBody:
                 break
         return sim.pose[0].copy()
 
+    def settled(self, pose: Array, load_m_s2: Array) -> Array:
+        """The pose in which a rock comes to rest under a load without gathering speed."""
+        for step, sweeps in _ROLLING_STEPS if self.rolls_on_facets else ((SETTLING_STEP, 4000),):
+            sim = self.clockless(pose, step * math.sqrt(self.size_m / self.gravity_m_s2))
+            settle(sim, load_m_s2, sweeps, _NO_SLOPE * self.size_m)
+            pose = sim.pose[0].copy()
+        return pose
+
     def rolled_to_rest(self, pose: Array) -> Array:
         """The pose in which a rock on a rounded base has no slope, rolled to without gathering speed."""
-        for step, sweeps in _ROLLING_STEPS:
-            sim = self.clockless(pose, step * math.sqrt(self.size_m / self.gravity_m_s2))
-            settle(sim, self.load_m_s2(), sweeps, _NO_SLOPE * self.size_m)
-            pose = sim.pose[0].copy()
+        pose = self.settled(pose, self.load_m_s2())
         near = self.contacts(pose, RESTING_SHARE * self.size_m)
         return self.touching(pose) if (near["normal"] @ self.scene_from_support[2] > 0.1).any() else pose
 

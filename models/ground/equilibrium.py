@@ -71,7 +71,7 @@ def held_up_to_m_s2(
         Infinite where they hold the largest, None where they do not hold the least.
     """
     (held, most), g, size_m = span, float(np.linalg.norm(load_m_s2)), math.sqrt(np.trace(inertia_m2))
-    moves_under = from_rest(contacts, friction, inertia_m2)
+    moves_under = _from_rest(contacts, friction, inertia_m2)
 
     def holds(acceleration_m_s2: float) -> bool:
         force = load_m_s2 + acceleration_m_s2 * push
@@ -93,7 +93,7 @@ def held_up_to_m_s2(
     return held
 
 
-def from_rest(contacts: np.ndarray, friction: float, inertia_m2: Array) -> Callable[[Array], Array]:
+def _from_rest(contacts: np.ndarray, friction: float, inertia_m2: Array) -> Callable[[Array], Array]:
     """Acceleration and rotational acceleration (6,) of a rock at rest on contacts, by the force (3,) over its mass."""
     contacts, inverse, room = contacts.copy(), np.linalg.inv(inertia_m2), solver_room(len(contacts))
     contacts["floor_m_s"] = 0.0

@@ -20,12 +20,9 @@ from toppling.models.caching import cached
 from toppling.models.compiled import Array, Flags
 from toppling.models.errors import InputError
 from toppling.models.frames import plane_axes
-from toppling.models.pedestal import TOPPLED_TILT_DEG
+from toppling.models.pedestal import LARGEST_OPEN_TILT_DEG, TOPPLED_TILT_DEG
 from toppling.models.relief import contact_feet_m
 from toppling.models.scene import Scene
-
-LARGEST_OPEN_TILT_DEG = 75.0
-"""Tilt beyond which a rock's fate is decided; points that touch only later are left out."""
 
 _AT_A_TIME = 1024
 """Directions that are looked at together, so that a fine mesh of many thousand points takes little memory."""

@@ -560,6 +560,34 @@ def settle(sim: Grounded, force_m_s2: Array, sweeps: int, stop_m: float) -> floa
 
 
 @compiled
+def fall(
+    sim: Grounded, upright: Array, up: Array, bounds: tuple[float, float, float], steps: tuple[int, int]
+) -> tuple[bool, float]:
+    """Let a rock go from its latest pose, at rest: whether it rests again within some steps, and how far it has sunk.
+
+    upright: the direction in body axes whose angle to the normal is the tilt; up: the plumb line, along which it sinks
+    from the highest place on its way. bounds: least cosine of the tilt and farthest distance, beyond which it is not
+    followed, and a speed that counts as none if it lasts for so many steps, the second.
+    """
+    pose, start, velocity = sim.pose[sim.counts[1]], sim.work.start, sim.velocity[sim.counts[1]]
+    (least_cosine, farthest_m, still_m_s), (most, enough), quiet, highest_m = bounds, steps, 0, -np.inf
+    copy(pose, start)
+    for k in range(6):
+        velocity[k] = 0.0
+    for _ in range(most):
+        step(sim, 0.0, pose, velocity)
+        fast = square(velocity) + square(velocity[3:]) * sim.size_m**2 > still_m_s**2
+        quiet, highest_m = 0 if fast else quiet + 1, max(highest_m, dot(pose, up))
+        rotation_of(pose, sim.work.turn)
+        beyond = (
+            turned(sim.work.turn, upright)[2] < least_cosine or square(minus(pose, start)) > farthest_m**2
+        )
+        if quiet == enough or beyond:
+            break
+    return quiet == enough, highest_m - dot(pose, up)
+
+
+@compiled
 def contacts_at(bodies: Any, pose: Array, margin_m: float, leaning: float, lists: Lists, out: Any) -> int:
     """Contacts on the ground's own surface in a pose (7,), as of :func:`contacts.contacts_in`; how many."""
     rock, ground, facets = bodies

@@ -102,10 +102,11 @@ def judge_crevice(
     interface: Interface,
     height_m: float,
     voxel_m: float,
+    apart: tuple[Array, Array] | None = None,
     *,
     given: bool = False,
 ) -> NDArray[np.int8]:
-    """Judge the labels near the interface anew, by the pedestal's sheet.
+    """Judge the labels near the interface anew, by the pedestal's sheet, but where the two were :func:`seen_apart`.
 
     Where a belly hides the rock's foot, or the pedestal beside it, no crevice was seen and nothing is judged.
 
@@ -119,7 +120,7 @@ def judge_crevice(
     lowest, highest = bounds_of(low)
     around = inside_box(points_m, lowest - margin, highest + margin)
     near, near_label = points_m[around], label[around]
-    judged = _relabelled(near, near_label, interface, height_m, voxel_m, given=given)
+    judged = _relabelled(near, near_label, interface, height_m, voxel_m, apart, given=given)
     label = label.copy()
     label[around] = judged
     return label
@@ -159,6 +160,7 @@ def _relabelled(
     interface: Interface,
     height_m: float,
     voxel_m: float,
+    apart: tuple[Array, Array] | None,
     *,
     given: bool,
 ) -> NDArray[np.int8]:
@@ -180,6 +182,7 @@ def _relabelled(
     low_enough = (near_label == PEDESTAL) | (
         near[:, 2] < _RELIEFS * max(interface.roughness_m, _RELIEF_PER_HEIGHT * height_m)
     )
+    low_enough &= ~cells_apart(grid, apart).ravel()[grid.index(near)]
     sheet, tolerance = _pedestal_sheet(grid, near, near_label == PEDESTAL, low_enough, height_m)
     gap = near[:, 2] - grid.at(sheet, near)
     on_sheet = (np.abs(gap) < tolerance) & low_enough
@@ -293,7 +296,8 @@ def depth_of_holes(grid: Grid, lit: Array) -> Array:
     distance, nearest = tree.query(grid.nodes_m.reshape(-1, 2))
     used, inverse = np.unique(nearest, return_inverse=True)
     spacing = tree.query(lit[used, :2], 7)[0][:, -1]
-    spacing = np.clip(spacing, grid.cell_m, _WIDEST_SPACING_CELLS * grid.cell_m)[inverse]
+    strewn = spacing > _WIDEST_SPACING_CELLS * grid.cell_m
+    spacing = np.where(strewn, 0.0, np.maximum(spacing, grid.cell_m))[inverse]
     return np.minimum(np.maximum(distance - _HOLE_SPACINGS * spacing, 0.0) / grid.cell_m, 10.0).reshape(
         grid.shape
     )

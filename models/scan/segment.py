@@ -338,8 +338,10 @@ def patches_around(points_m: Array, rock_m: Array, height_m: float) -> tuple[Sur
     They are a hundredth of its height wide, or as far apart as its points where these lie farther apart.
     """
     axis = rock_m[:, :2].mean(axis=0)
-    reach = np.hypot(*(rock_m[:, :2] - axis).T).max() + 0.5 * height_m
-    around = inside_cylinder(points_m, axis, reach, rock_m[:, 2].min() - 0.7 * height_m)
+    radius = float(np.hypot(*(rock_m[:, :2] - axis).T).max())
+    # As deep as a wide rock's overhang may hang over land.
+    lowest = rock_m[:, 2].min() - max(0.7 * height_m, radius)
+    around = inside_cylinder(points_m, axis, radius + 0.5 * height_m, lowest)
     voxel = height_m / _FINE_VOXELS_PER_HEIGHT
     thinned, index = thin(points_m[around], voxel)
     apart_m = float(np.median(cKDTree(thinned).query(rock_m, 4)[0][:, 3]))
@@ -367,7 +369,9 @@ def _refine(
     seeds, far, over = votes == 1.0, votes == 0.0, None
     if hint is not None:
         over = hint.interface.flat(surfels.points_m)[:, 2]
-        seeds, far = seeds & (over > 2.0 * voxel), far | (over < -2.0 * voxel)
+        # An underside may reach below the plane that a few places beside it tell, and is no top of a pedestal.
+        below = (over < -2.0 * voxel) & (surfels.normals @ hint.interface.normal > 0.0)
+        seeds, far = seeds & (over > 2.0 * voxel), far | below
     fine_rock = minimum_cut(surfels, edges, seeds, far, over)
     meant, note = _meant(surfels, edges, fine_rock, near_m, hint is not None, origin_m)
     surfel_label = np.where(meant, ROCK, PEDESTAL).astype(np.int8)

@@ -27,7 +27,7 @@ from toppling.models.lengths import too_large
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock, check_size
 from toppling.models.scan.close import SHARES, ClosedRock, close_rock
-from toppling.models.scan.crevice import check_seen, judge_crevice
+from toppling.models.scan.crevice import check_seen, judge_crevice, seen_apart
 from toppling.models.scan.ground import Ground, level_surface, pedestal_ground, pedestal_surface
 from toppling.models.scan.hints_file import outside_cloud
 from toppling.models.scan.interface import UPWARD, Interface, Sheet, fit_interface
@@ -425,7 +425,9 @@ def _classified(
         parts = without_ground(cloud.points_m, parts, interface, height)
         rock = parts.surfel_label == ROCK
     if cloud.label is None:
-        near_interface = cloud.points_m, parts.label, interface, height, surfels.voxel_m
+        over, normals = interface.over(surfels.points_m), surfels.normals @ interface.axes
+        apart = seen_apart(over, normals, rock, height)
+        near_interface = cloud.points_m, parts.label, interface, height, surfels.voxel_m, apart
         label = judge_crevice(*near_interface, given=hint is not None)
         parts = replace(parts, label=label, surfel_label=label_surfels(surfels, cloud.points_m, label))
         parts = without_ground(cloud.points_m, parts, interface, height)

@@ -7,7 +7,7 @@ from refusals import refused
 
 from toppling.models.hidden_base.gap import hidden_base
 from toppling.models.hidden_base.near_interface import NearInterface
-from toppling.models.scan.crevice import judge_crevice
+from toppling.models.scan.crevice import Grid, depth_of_holes, judge_crevice
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.segment import PEDESTAL, ROCK
 
@@ -88,3 +88,12 @@ def test_the_face_of_a_cliff_below_the_rock_stays_the_pedestals():
 def test_no_base_hangs_in_a_rim_that_was_not_seen():
     with refused("interface.too_few_points", "0"):
         hidden_base(NearInterface(np.empty((0, 3)), sheet(0.0), HEIGHT_M))
+
+
+def test_a_stray_point_in_a_hole_shows_nothing_around_it():
+    grid = Grid.over(np.array([-0.5, -0.5]), np.array([0.5, 0.5]), 0.02)
+    seen = level(0.5, 0.01)
+    seen = seen[seen[:, 0] < 0.0]
+    depth = depth_of_holes(grid, np.vstack([seen, [[0.25, 0.0, 0.0]]]))
+    places = np.array([[-0.1, 0.0], [0.25, 0.06], [0.25, 0.3]])
+    assert depth.ravel()[grid.index(places)] == pytest.approx([0.0, 3.0, 10.0], abs=0.5)

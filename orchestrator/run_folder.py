@@ -120,7 +120,7 @@ def remarks(run: Path) -> list[tuple[str, dict[str, Any]]]:
     """Remarks on a run's rocks before its jobs: sentences with the entries that they are based on."""
     content = describe(run)
     found = [(f"{rock['rock']} is left out: {rock['why']}", rock) for rock in content.get("left_out") or ()]
-    for scene in content.get("scenes") or [content]:
+    for scene in content.get("scenes") or [{"settling": content["settling"]}]:
         name = f"{scene['rock']}: " if "rock" in scene else ""
         if scene.get("problem"):
             found.append((f"{name}{scene['problem']}", {"rock": scene["rock"]}))

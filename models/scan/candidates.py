@@ -139,17 +139,20 @@ def find_candidates(points_m: Array, coarse: Surfels) -> list[Candidate]:
         if cut := cut_between(coarse, edges, above, ~above, peak):
             closed.append(replace(cut, hidden=True))
     found: list[list[Candidate]] = []  # each thing's cuts, that which counts first
-    for candidate in sorted(closed, key=lambda candidate: candidate.cost):
+    for candidate in sorted(closed, key=lambda candidate: (candidate.hidden, candidate.cost)):
         own = next((k for k, cuts in enumerate(found) if (candidate.rock & cuts[0].rock).any()), None)
         if own is None:
             found.append([candidate])
-        elif candidate in on_planes and not candidate.hidden and _is_upper(candidate, found[own][0]):
-            found[own] = [candidate]
-        elif candidate.hidden or found[own][0] not in on_planes:
-            if candidate.hidden:
+        elif candidate.hidden:
+            whole, part = found[own][0].rock, candidate.rock
+            if (part & whole).sum() > max(_ONE_LINE * part.sum(), _PART_SHARE * whole.sum()):
                 found[own][1:] = [cut for cut in found[own][1:] if cut.shared(candidate) < _ONE_LINE]
-            if _is_another(candidate, found[own]):
-                found[own].append(candidate)
+                if _is_another(candidate, found[own]):
+                    found[own].append(candidate)
+        elif candidate in on_planes and _is_upper(candidate, found[own][0]):
+            found[own] = [candidate]
+        elif found[own][0] not in on_planes and _is_another(candidate, found[own]):
+            found[own].append(candidate)
     found.sort(key=lambda cuts: -cuts[0].height_m)
     large = [cuts for cuts in found[:_ZOOMED] if cuts[0].height_m > _ZOOMED_SHARE * found[0][0].height_m]
     near_by = [_seen_near_by(points_m, cuts) for cuts in large]

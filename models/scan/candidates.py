@@ -144,8 +144,8 @@ def find_candidates(points_m: Array, coarse: Surfels) -> list[Candidate]:
         if own is None:
             found.append([candidate])
         elif candidate.hidden:
-            whole, part = found[own][0].rock, candidate.rock
-            if (part & whole).sum() > max(_ONE_LINE * part.sum(), _PART_SHARE * whole.sum()):
+            whole, upper = found[own][0].rock, candidate.rock
+            if (upper & whole).sum() > max(_ONE_LINE * upper.sum(), _PART_SHARE * whole.sum()):
                 found[own][1:] = [cut for cut in found[own][1:] if cut.shared(candidate) < _ONE_LINE]
                 if _is_another(candidate, found[own]):
                     found[own].append(candidate)

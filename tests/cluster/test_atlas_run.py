@@ -53,7 +53,7 @@ def atlas(client, folder, tmp_path_factory):
     return run_folder
 
 
-def test_rows_of_an_atlas_are_those_of_each_rock_alone_and_a_falling_rock_holds_up_no_other(
+def test_rows_of_an_atlas_equal_its_rocks_own_and_an_unstable_rock_delays_no_other(
     client, folder, atlas, tmp_path
 ):
     campaign = Campaign.read(folder / "atlas.toml")

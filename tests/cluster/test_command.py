@@ -41,7 +41,7 @@ def parts(run):
 
 
 @pytest.mark.thorough
-def test_ctrl_c_six_times_keeps_the_rows_and_says_how_to_go_on(inputs, planned, tmp_path, faults):
+def test_interrupting_six_times_loses_no_row_and_prints_how_to_resume(inputs, planned, tmp_path, faults):
     faults.set(every=0.4)
     run = tmp_path / "run"
     # A session of its own, so that the signal reaches workers and client together, as from a terminal.

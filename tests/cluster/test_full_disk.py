@@ -13,7 +13,7 @@ PATIENCE_S = 120.0
 
 @pytest.mark.thorough
 @pytest.mark.skipif(not can_mount(), reason="only root can mount a small disk")
-def test_a_full_disk_is_one_sentence_and_the_run_goes_on_once_there_is_room(inputs, undisturbed, tmp_path):
+def test_a_full_disk_is_reported_and_the_run_resumes_once_there_is_room(inputs, undisturbed, tmp_path):
     """It fills as the run begins, and then as the rows come."""
     disk = tmp_path / "disk"
     disk.mkdir()

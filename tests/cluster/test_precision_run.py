@@ -54,9 +54,7 @@ def whole(asking, client, tmp_path_factory):
     return folder
 
 
-def test_the_run_ends_with_a_statement_from_few_of_its_jobs_each_as_one_process_does_it(
-    whole, planned, asking
-):
+def test_a_precision_run_ends_early_with_rows_equal_to_those_of_a_single_process(whole, planned, asking):
     (result,) = statements_of(whole)
     rows = open_run(whole).table()
     assert result["ended"]

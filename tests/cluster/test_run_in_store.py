@@ -49,7 +49,7 @@ def toppling(*words, env, refused=False):
 
 
 @pytest.mark.thorough
-def test_a_run_in_a_store_has_one_writer_and_goes_on_elsewhere_once_that_is_killed_and_taken_over_from(
+def test_a_run_in_a_store_has_one_writer_and_resumes_after_a_takeover(
     bucket, machine, inputs, undisturbed, faults, tmp_path
 ):
     command = ["run", inputs / "campaign.toml", "--out", ADDRESS, "--workers", "2"]

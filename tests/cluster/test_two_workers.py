@@ -31,7 +31,7 @@ from toppling.orchestrator.task import RunKey, versions
 from toppling.results.reader import open_run
 
 
-def test_two_workers_give_the_rows_of_one_process_bit_for_bit(whole, undisturbed):
+def test_two_workers_give_the_rows_of_a_single_process_bit_for_bit(whole, undisturbed):
     assert answers_of(whole.path) == undisturbed
     session = whole.session
     assert (session.done, session.failed, session.before) == (len(undisturbed), 0, 0)
@@ -93,7 +93,7 @@ def test_a_worker_whose_job_hangs_ends_itself_the_job_is_given_up_and_the_others
     assert any("Timeout (" in entry["why"] for entry in document if entry["event"] == "worker process died")
 
 
-def test_a_run_whose_workers_die_whenever_they_start_ends_within_seconds_and_says_why(
+def test_a_run_whose_workers_die_at_their_start_ends_soon_with_the_reason(
     campaign, undisturbed, tmp_path, faults_file, monkeypatch
 ):
     dask.config.refresh()

@@ -46,7 +46,7 @@ def test_an_example_is_a_page_on_the_public_interface(path):
     assert text.count("\n") <= 140
 
 
-def test_a_weak_pulse_leaves_the_block_standing_and_a_strong_one_topples_it(inputs, tmp_path):
+def test_a_weak_pulse_leaves_the_block_standing_and_a_strong_pulse_topples_it(inputs, tmp_path):
     for pgv, outcome in ((0.1, "stands"), (3.0, "toppled")):
         out = tmp_path / f"{outcome}.png"
         text = printed(
@@ -90,7 +90,7 @@ def test_pulses_far_below_and_far_above_what_overturns_a_block_are_distinguished
     assert ((table["probability"] > 0.5) == (table["test_no"] > 3)).all()
 
 
-def test_a_small_study_runs_all_of_its_jobs_and_tells_its_findings(inputs, tmp_path):
+def test_a_small_study_runs_all_of_its_jobs_and_prints_its_findings(inputs, tmp_path):
     out = tmp_path / "study"
     asked = ("--pga-step", 9, "--directions", 2, "--preset", "fast")
     text = printed("study.py", inputs / "scene", inputs / "ensemble", out, *asked)

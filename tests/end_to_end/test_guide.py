@@ -297,7 +297,7 @@ def test_the_scan_of_the_pages_makes_a_scene(tmp_path):
     assert Scene.load(tmp_path / "scenes" / "rock").rock.volume_m3 > 100.0
 
 
-def test_each_page_of_the_guide_is_in_its_list():
+def test_every_page_of_the_guide_is_in_its_list():
     listed = (ROOT / "docs" / "guide" / "index.md").read_text()
     assert [page.name for page in PAGES[1:] if page.stem != "index" and f"({page.name})" not in listed] == []
 

@@ -27,5 +27,5 @@ def test_what_is_no_direction_is_refused(text):
         azimuth_of(text)
 
 
-def test_azimuths_lie_apart_by_the_shorter_way_around():
+def test_azimuths_differ_by_the_shorter_arc():
     assert apart_deg([350, 10, 180, -90], [10, 350, 0, 270]).tolist() == [20, 20, 180, 0]

@@ -51,7 +51,7 @@ def test_every_error_that_is_made_has_a_code():
                 )
 
 
-def test_no_two_rooms_use_one_code_by_chance():
+def test_no_two_rooms_use_a_code_by_chance():
     rooms = defaultdict(set)
     for room, code, _, _ in error_codes.raised():
         rooms[code].add(room)
@@ -61,7 +61,7 @@ def test_no_two_rooms_use_one_code_by_chance():
 
 @pytest.mark.parametrize("kind", [InputError, UsageError])
 @pytest.mark.parametrize("again", [copy.copy, lambda error: pickle.loads(pickle.dumps(error))])
-def test_an_error_keeps_its_code_and_kind_between_processes_and_ends_its_first_line_with_it(kind, again):
+def test_an_error_retains_its_code_and_kind_between_processes_and_ends_its_first_line_with_it(kind, again):
     made = again(kind("record.gap", "a gap of 3 s", where="a.dat", expected="none", remedy="cut it"))
     assert (type(made), made.code) == (kind, "record.gap")
     assert str(made).splitlines() == [

@@ -36,7 +36,7 @@ def test_a_name_that_is_taken_is_refused_even_by_a_link_to_nothing(tmp_path):
         pytest.fail("there is nothing to write into")
 
 
-def test_a_file_takes_the_place_of_a_former_one_only_when_all_is_written(tmp_path):
+def test_a_file_replaces_a_former_file_only_when_all_is_written(tmp_path):
     target = tmp_path / "deep" / "table.csv"
     with new_file(target) as hidden:
         hidden.write_text("1")
@@ -156,7 +156,7 @@ def test_the_digest_of_a_text_inside_does_not_stand_for_the_file(tmp_path):
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".parquet", ".json", ".toml"])
-def test_each_byte_of_a_file_is_covered(tmp_path, suffix, monkeypatch):
+def test_every_byte_of_a_file_is_covered(tmp_path, suffix, monkeypatch):
     path = tmp_path / f"file{suffix}"
     if suffix == ".ply":
         path = Scene.block(0.2, 0.2, 0.6).save(tmp_path / "scene") / "rock.ply"

@@ -47,7 +47,7 @@ def test_every_draw_stands_sinks_in_nowhere_and_has_the_rim_that_was_seen(rim_ga
         assert np.abs(at_rim[at_rim > 0.0] - rim_gap_m).max() < 4.0 * (RIM_STD_M + RELIEF.rough_m)
 
 
-def test_a_rim_that_hangs_high_leaves_contacts_within_and_a_closed_one_leaves_them_at_the_rim():
+def test_a_high_rim_leaves_contacts_within_and_a_closed_rim_leaves_them_at_the_rim():
     reach = {}
     for rim_gap_m in (0.0, 0.03):
         observed = disc(rim_gap_m)
@@ -57,13 +57,13 @@ def test_a_rim_that_hangs_high_leaves_contacts_within_and_a_closed_one_leaves_th
     assert reach[0.0] > reach[0.03] + 0.05
 
 
-def test_an_error_that_the_rim_shares_does_not_average_out_over_its_places():
+def test_an_error_common_to_the_rim_does_not_average_out_over_its_places():
     observed = disc(0.05)
     level = [draw.gap_m[observed.known].mean() for draw in draws(observed, count=60)]
     assert 0.7 * RIM_STD_M < np.std(level) < 1.3 * RIM_STD_M  # of its own alone it were a sixth
 
 
-def test_a_place_that_is_known_to_touch_is_closed_and_one_with_daylight_is_open():
+def test_a_place_known_to_touch_is_closed_and_a_place_with_daylight_is_open():
     place = 30
     assert all(draw.gap_m[place] == 0.0 for draw in draws(disc(0.01, touching=[place])))
     with_daylight = disc(0.01, floor=lambda places: np.where(np.arange(len(places)) == place, 0.005, 0.0))
@@ -90,7 +90,7 @@ def test_no_base_is_drawn_on_which_the_rock_would_fall():
     assert len(draws(open_right, weight=(-0.25, 0.0))) == 6
 
 
-def test_the_facet_below_a_weight_is_the_one_a_table_of_three_legs_stands_on():
+def test_the_facet_below_a_weight_supports_a_table_of_three_legs():
     legs = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
     gap = np.array([0.0, 0.0, 0.0, 0.1])
     assert set(facet_below(legs, gap, np.array([0.3, 0.3]))) == {0, 1, 2}
@@ -98,6 +98,6 @@ def test_the_facet_below_a_weight_is_the_one_a_table_of_three_legs_stands_on():
 
 
 @pytest.mark.parametrize("places", [[(0, 0), (1, 1), (2, 2)], [(0, 0), (0, 0), (1, 0)], [(0, 0), (1, 0)]])
-def test_places_on_one_line_enclose_no_weight(places):
+def test_collinear_places_enclose_no_weight(places):
     assert beyond_m(np.array(places, float), np.array([0.5, 0.5])) == np.inf
     assert not encloses(np.array(places, float), np.array([0.5, 0.5]))

@@ -80,7 +80,7 @@ def test_an_endless_reader_is_stopped_by_its_processor_time_or_the_clock(
     assert not guarded.READERS
 
 
-def test_one_process_is_retained_and_replaced_when_it_is_gone(reads):
+def test_a_process_is_reused_and_replaced_when_it_has_ended(reads):
     def process():
         return guarded.READERS[0].process.pid
 
@@ -130,7 +130,7 @@ def test_a_pickle_is_no_record(trap, protocol):
     assert not mark.exists()
 
 
-def test_no_verb_runs_what_a_record_says(trap, tmp_path):
+def test_no_verb_runs_code_from_a_record(trap, tmp_path):
     record, mark = trap
     Scene.block(half_width=0.2, half_depth=0.2, half_height=0.6).save(tmp_path / "scene")
     cloud = record.with_name("cloud.ply")

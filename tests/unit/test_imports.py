@@ -112,7 +112,7 @@ def test_within_a_room_no_module_imports_what_stands_above_it(paths):
 
 
 @pytest.mark.parametrize(("library", "home"), ONLY_UNDER.items())
-def test_a_heavy_library_is_imported_in_one_room_only(library, home):
+def test_a_heavy_library_is_imported_in_a_single_room(library, home):
     elsewhere = [path for path in modules() if not path.is_relative_to(ROOT / home)]
     # Geometry of polygons draws nothing.
     assert not offences(elsewhere, lambda name: within(library)(name) and not within("matplotlib.path")(name))
@@ -180,7 +180,7 @@ def named_in_face(path):
     return set(ast.literal_eval(value))
 
 
-def test_each_room_names_in_its_face_exactly_what_others_take_from_it():
+def test_every_room_exports_exactly_what_others_import():
     """`__all__` of a room's `__init__`: its modules that are imported from outside of it, and names of its own."""
     names = by_name()
     rooms = {name for name, path in names.items() if path.name == "__init__.py" and name != DOOR}

@@ -49,9 +49,7 @@ def walls(slope_deg):
 
 
 @pytest.mark.parametrize("slope_deg", [-40.0, 0.0, 5.0, 30.0, 60.0])
-def test_feet_on_two_facets_tip_about_their_own_places_though_cones_opened_to_half_spaces_would_hold_all(
-    slope_deg,
-):
+def test_contacts_on_two_facets_tip_about_their_own_places_though_half_spaces_would_hold_all(slope_deg):
     arms, normals = FEET, walls(slope_deg)
     for azimuth_deg, arm_m in ((0.0, 0.2), (180.0, 0.2), (90.0, 0.3)):
         assert tips_m_s2(arms, normals, 1.0, DOWN, push(azimuth_deg)) == pytest.approx(G * arm_m / 0.8)

@@ -73,7 +73,7 @@ def toppling_m_s2(pedestal, azimuths_deg):
 @pytest.mark.parametrize(
     "along", [[-1.0, 1.0], [-3000.0, 4000.0], *(np.arange(-1.03, 1, d) for d in (0.5, 0.15, 0.05))]
 )
-def test_rails_carry_a_block_where_its_edges_cross_them_however_far_apart_their_vertices(along):
+def test_rails_support_a_block_where_its_edges_cross_them_however_far_apart_their_vertices(along):
     rails = strips(
         [(-1, -0.1), (-0.15, -0.1), (-0.1, 0), (-0.05, -0.1), (0.05, -0.1), (0.1, 0), (0.15, -0.1)], along
     )
@@ -99,7 +99,7 @@ def rough(seed, fold):
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.2, 0.9]))
 @settings(max_examples=30)
-def test_no_clearance_lies_below_the_feets_hull_and_no_foot_below_the_clearance(seed, fold):
+def test_no_clearance_lies_below_the_contacts_hull_and_no_contact_below_the_clearance(seed, fold):
     rock, ground, faces = rough(seed, fold)
     feet = contact_feet_m(rock, Pedestal(np.zeros(3), UP, ground, faces))
     places = np.vstack([np.random.default_rng(seed).uniform(0.0, 1.0, (4000, 2)), feet[:, :2]])

@@ -56,13 +56,13 @@ def test_a_mesh_that_is_not_in_metres_is_refused(scale, height):
         Scene.from_mesh((ROCK.vertices_m * scale, ROCK.faces))
 
 
-def test_survey_coordinates_in_single_precision_are_refused_and_local_ones_are_not():
+def test_survey_coordinates_in_single_precision_are_refused_and_local_coordinates_are_not():
     Scene.from_mesh((ROCK.vertices_m.astype(np.float32), ROCK.faces))
     with refused("coordinates.too_coarse", "0.25 m"):
         Scene.from_mesh(((ROCK.vertices_m + UTM_M).astype(np.float32), ROCK.faces))
 
 
-def test_a_pedestal_of_loose_triangles_is_the_one_whose_triangles_share_their_vertices():
+def test_a_pedestal_of_loose_triangles_equals_the_pedestal_with_merged_vertices():
     rock = box(0.2, 0.2, 0.6).moved(np.eye(3), (0.0, 0.0, 0.62))
     corners = np.array([[-2.0, -2, 0], [2, -2, 0], [2, 2, 0.05], [-2, 2, 0]])
     loose = corners[[0, 1, 2, 0, 2, 3]], np.arange(6).reshape(2, 3)

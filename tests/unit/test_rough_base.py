@@ -47,7 +47,7 @@ def test_on_every_drawn_base_the_rock_is_at_rest_in_its_pose(drawn):
         assert still[0], number
 
 
-def test_a_drawn_base_moves_the_rock_as_one_rigid_body(drawn):
+def test_a_drawn_base_moves_the_rock_as_a_rigid_body(drawn):
     for number, draw in enumerate(drawn.unseen.draws):
         scene = drawn.on_base(number)
         offset_m = drawn.rock.com_m + draw.com_offset_m - drawn.rock.vertices_m
@@ -100,7 +100,7 @@ def test_bases_on_which_the_rock_would_never_stand_are_refused_with_their_count(
         )
 
 
-def test_a_scene_on_a_nominal_base_keeps_mesh_and_mass_and_its_draws_stay_the_same(drawn, tmp_path):
+def test_a_scene_on_a_nominal_base_retains_mesh_mass_and_draws(drawn, tmp_path):
     upright = replace(
         drawn.unseen, draws=tuple(BaseDraw(draw.feet_m, draw.com_offset_m) for draw in drawn.unseen.draws)
     )
@@ -142,7 +142,7 @@ def test_a_leaning_block_is_let_down_onto_the_face_below_its_centre_of_mass():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("tolerance_m", [1e-2, 1e-3, 1e-4])
-def test_feet_that_are_left_out_lie_within_the_tolerance_of_the_hull_of_those_that_stay(tolerance_m):
+def test_omitted_contacts_lie_within_the_tolerance_of_the_hull_of_the_others(tolerance_m):
     place = np.random.default_rng(1).uniform(-0.5, 0.5, (3000, 2))
     cap = np.column_stack([place, 1.0 - np.sqrt(1.0 - (place**2).sum(axis=1))])
     com = np.array([0.0, 0.0, 1.0])

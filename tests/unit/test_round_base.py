@@ -44,7 +44,7 @@ def test_middles_of_a_caps_edges_lie_on_its_sphere(edge_m):
     ("edge_m", "sphere"),
     [(0.08, ()), (0.03, ()), (0.01, ()), *((edge_m, (0.3, 0.2999, 0.42)) for edge_m in (0.08, 0.02))],
 )
-def test_a_cap_and_a_nearly_neutral_hemisphere_topple_as_the_smooth_ones_whatever_their_edges(edge_m, sphere):
+def test_a_cap_and_a_nearly_neutral_hemisphere_topple_as_smooth_bodies_whatever_their_edges(edge_m, sphere):
     scene = Scene.from_mesh(round_cap(edge_m, *sphere))
     exact = smooth_cap_m_s2(scene.rock, *sphere[:2])
     assert least(scene) == pytest.approx([exact] * 4, rel=0.01)
@@ -72,7 +72,7 @@ def smooth_egg_m_s2(half_width_m, half_height_m, com_m):
     ("half_m", "stretched", "fineness"),
     [((0.3, 0.3, 0.2), 2.0, 3), ((0.5, 0.35, 0.25), 3.0, 3), ((0.4, 0.3, 0.3), 0.9, 3)],
 )
-def test_an_ellipsoid_topples_along_its_axes_as_the_smooth_one(half_m, stretched, fineness):
+def test_an_ellipsoid_topples_along_its_axes_as_a_smooth_ellipsoid(half_m, stretched, fineness):
     scene = Scene.from_mesh(egg(half_m, stretched, fineness))
     com_m = scene.rock.com_m[2] - scene.rock.vertices_m[:, 2].min() - half_m[2]
     exact = [smooth_egg_m_s2(half_m[k], half_m[2], com_m) for k in (0, 1, 0, 1)]
@@ -101,7 +101,7 @@ def test_a_spheroid_along_a_groove_tips_about_the_line_through_both_of_its_conta
 
 
 @pytest.mark.parametrize("sides", [12, 24, 48])
-def test_a_lying_prism_keeps_the_faces_that_it_rolls_over(sides):
+def test_a_lying_prism_retains_the_faces_that_it_rolls_over(sides):
     prism = cylinder(0.4, 0.5, sides).moved(Rotation.from_euler("x", 90, degrees=True).as_matrix())
     base = Scene.from_mesh((prism.vertices_m, prism.faces)).rounded_base
     assert base is None or not base.rolls
@@ -145,7 +145,7 @@ def test_a_rough_base_is_not_rounded():
 
 
 @pytest.mark.thorough
-def test_a_flat_base_with_a_rounded_border_topples_as_a_flat_one_of_that_width():
+def test_a_flat_base_with_a_rounded_border_topples_as_a_flat_base_of_that_width():
     """Rolling on over the border, its centre of mass falls from the start."""
     angles = np.radians([0, 15, 30, 45, 60])
     border = [(0.3 + 0.05 * math.sin(t), 0.05 - 0.05 * math.cos(t)) for t in angles]
@@ -163,7 +163,7 @@ def test_triangles_that_are_refined_topple_nearer_to_the_smooth_cap():
     assert both[1].change < 0.4 * both[0].change
 
 
-def test_a_fine_cap_is_kept_and_not_warned_of():
+def test_a_fine_cap_is_unchanged_and_not_warned_of():
     ball = Rock.from_triangles(*round_cap(0.03, radius_m=3.0))
     assert refined(ball) is ball
     assert not RoundedBase(ball, rolls=False).is_coarse

@@ -65,7 +65,7 @@ def campaigns(tmp_path_factory):
 
 
 @pytest.mark.parametrize(("name", "stated"), [("leans", TOLD), ("stands", None)])
-def test_a_run_keeps_and_says_by_how_much_its_rock_settles(campaigns, tmp_path, caplog, name, stated):
+def test_a_run_records_and_reports_by_how_much_its_rock_settles(campaigns, tmp_path, caplog, name, stated):
     def refuse(_):
         raise KeyboardInterrupt
 
@@ -80,7 +80,7 @@ def test_a_run_keeps_and_says_by_how_much_its_rock_settles(campaigns, tmp_path, 
 
 
 @pytest.mark.parametrize(("tilt_deg", "notes"), [(0.0, 0), (0.3, 1), (2.0, 3)])
-def test_a_large_settling_says_what_topples_the_rock_where_it_comes_to_lie(tilt_deg, notes):
+def test_a_large_settling_is_reported_with_the_toppling_acceleration_of_the_settled_rock(tilt_deg, notes):
     result = settling_notes(leaning(tilt_deg))
     assert len(result) == notes
     if notes == 3:  # of the block that lies flat, by the closed form

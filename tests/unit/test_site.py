@@ -61,12 +61,12 @@ def stated(words):
     return float(re.search(words, README).group(1))
 
 
-def test_thresholds_are_as_near_the_exact_ones_as_readme_says():
+def test_thresholds_are_as_near_the_exact_thresholds_as_the_readme_states():
     (row,) = re.findall(r"^\| overturning threshold \|(.*)$", (REPORTS / "accuracy.md").read_text(), re.M)
     found = [float(cell.strip().split()[0]) for cell in row.split("|")[:3]]
     assert max(found) <= stated(r"are met within ([\d.]+) %")
 
 
-def test_scans_are_as_right_as_readme_says():
+def test_scans_are_as_accurate_as_the_readme_states():
     assert max(column("scan.md", "volume")) <= stated(r"volume within ([\d.]+) %")
     assert max(column("scan.md", "centre of mass")) <= stated(r"centre of mass within ([\d.]+) %")

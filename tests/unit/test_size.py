@@ -60,7 +60,7 @@ def test_the_source_and_the_tests_have_no_more_lines_than_they_had():
     assert sum(path.read_text("utf-8").count("\n") for path in (ROOT / "tests").rglob("*.py")) <= TEST_LINES
 
 
-def test_the_docs_have_no_more_words_than_one_reads():
+def test_the_docs_have_no_more_words_than_their_limit():
     """Of reports, which benchmarks write, there may be more: these lie elsewhere; of codes there is a table."""
     pages = [path for path in (ROOT / "docs").rglob("*.md") if path.name != "errors.md"]
     text = " ".join(path.read_text("utf-8") for path in pages)

@@ -86,9 +86,7 @@ def test_a_block_on_a_slope_topples_downhill_at_g_tan_of_alpha_less_the_slope(
 
 
 @pytest.mark.parametrize(("rise", "holds"), [(0.04, True), (0.1, True), (0.2, False)])
-def test_a_chamfer_holds_the_rock_again_unless_the_energy_of_its_fall_carries_it_over_the_far_edge(
-    rise, holds
-):
+def test_a_chamfer_holds_the_rock_again_unless_the_energy_of_its_fall_suffices_for_the_far_edge(rise, holds):
     # Base half width .5, chamfer up to (1, rise): the rock tips over the base's corner first and falls onto the
     # chamfer. On it the effective gravity's angle to the facet's normal is the angle of the ground's push.
     profile = np.array([(-0.5, 0), (0.5, 0), (1, rise), (1, 1.5), (-1, 1.5), (-1, rise)])
@@ -283,11 +281,11 @@ def test_another_friction_leaves_the_restitution_as_it_is():
     [*((pair, (0.8, 0.6)) for pair in ((0.8, 0.6), [0.8, 0.6], np.array([0.8, 0.6]))),
      *((value, (1.0, 1.0)) for value in (1, 1.0, [1], np.float32(1.0), np.int64(1), np.array(1.0)))],
 )  # fmt: skip
-def test_friction_may_be_any_number_or_sequence_of_one_or_two(given, pair):
+def test_friction_may_be_any_number_or_sequence_of_at_most_two(given, pair):
     assert ContactProperties.of(given) == ContactProperties(*pair)
 
 
-def test_one_direction_is_asked_as_a_list_of_one_is():
+def test_a_direction_and_a_list_of_a_single_direction_are_equivalent():
     assert len({str(Scene.block(0.2, 0.3, 0.6).tips_m_s2(value)) for value in ("N40E", 50, [50.0])}) == 1
 
 

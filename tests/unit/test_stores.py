@@ -41,7 +41,7 @@ def test_parts_that_are_merged_leave_the_store_and_the_other_copy(two_machines):
     assert content(second) == {"results.parquet": b"all rows"}
 
 
-def test_what_one_machine_writes_another_reads_and_what_is_not_carried_yet_outlives_a_pull(two_machines):
+def test_other_machines_read_what_a_machine_writes_and_unsent_files_outlive_a_pull(two_machines):
     first, second = two_machines
     second.pull()
     assert not second.path.exists()  # there is no run yet, and none begins by being looked for
@@ -102,7 +102,7 @@ def there(address):
     return {name: store.read(name).decode() for name in store.objects() if name != CLAIM}
 
 
-def test_while_one_writes_every_other_is_refused_by_who_writes_and_the_way_to_take_over(machine, address):
+def test_a_second_writer_is_refused_with_the_writers_name_and_how_to_take_over(machine, address):
     with machine("first").sole_writer():
         for name in ("first", "second"):
             with (
@@ -115,7 +115,7 @@ def test_while_one_writes_every_other_is_refused_by_who_writes_and_the_way_to_ta
     assert not Store(address).holds(CLAIM)
 
 
-def test_of_many_that_come_at_once_exactly_one_writes(machine):
+def test_exactly_one_of_many_simultaneous_sessions_writes(machine):
     won, refused, start = [], [], threading.Barrier(6)
     done = threading.Barrier(6)
 
@@ -215,9 +215,7 @@ def cutting(monkeypatch):
     monkeypatch.setattr(Store, "_stream", stream_half)
 
 
-def test_an_object_that_the_store_always_cuts_short_is_an_error_and_not_recorded_as_carried(
-    machine, address, monkeypatch
-):
+def test_an_object_that_the_store_truncates_is_not_recorded_as_sent(machine, address, monkeypatch):
     with monkeypatch.context() as patch:
         cutting(patch)
         write(machine("first"), a="all of it")

@@ -109,7 +109,7 @@ def test_pairs_that_serve_miss_no_contact_of_a_rock_that_rocks_and_slides():
     assert sum(map(len, contacts)) > len(at)
 
 
-def test_edges_that_are_nearly_flat_touch_by_the_way_that_leads_out_of_both_bodies():
+def test_nearly_flat_edges_touch_along_a_direction_out_of_both_bodies():
     """Two finely meshed caps, one above the other: no contact has a gap below none, or a normal that points down."""
     x_m, y_m = (axis.ravel() for axis in np.meshgrid(*[np.linspace(-0.5, 0.5, 21)] * 2, indexing="ij"))
     corner = (np.arange(20)[:, None] * 21 + np.arange(20)).ravel()
@@ -162,7 +162,7 @@ def test_a_hollows_face_reaches_on_below_the_other_face_and_no_farther(place_m, 
     assert set(steep.round(2)) == slopes
 
 
-def test_beside_the_end_of_a_mesh_and_below_it_nothing_is_inside_the_ground():
+def test_beyond_the_end_of_a_mesh_and_below_it_nothing_is_inside_the_ground():
     ground_m = np.array([[0, -1, 0], [1, -1, 0], [1, 0, 0], [0, 0, 0]], float)
     box = np.full(3, -1.0), np.full(3, 1.0)
     ground = contact_mesh(ground_m, np.array([[0, 1, 2], [0, 2, 3]]), *box, REACH_M)

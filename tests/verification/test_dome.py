@@ -79,7 +79,7 @@ def cylinder_of(strip_m):
         pytest.param(dome(sphere, 0.01), 25.0, 0.12, marks=pytest.mark.thorough),
     ],
 )
-def test_a_block_swings_on_a_dome_as_lagranges_equation_says(surface, yaw_deg, within):
+def test_a_block_swings_on_a_dome_by_lagranges_equation(surface, yaw_deg, within):
     """The narrower the triangles, the nearer."""
     scene = block_on(surface, yaw_deg)
     start = math.radians(6.0)
@@ -111,7 +111,7 @@ def test_a_block_on_a_cylinder_that_is_pushed_obliquely_topples_across_it():
     assert oblique == pytest.approx(across / math.cos(math.radians(30.0)), rel=1e-3)
 
 
-def test_a_smooth_part_touches_an_edge_with_one_place_however_it_has_rolled():
+def test_a_smooth_part_touches_an_edge_at_a_single_place_however_it_has_rolled():
     body = block_on(cylinder_of(0.01)).grounded
     rock, ground = body.moving
     assert (ground.smooth_edges >= 0).sum() == 117  # the outermost are wider than .02 R

@@ -38,7 +38,7 @@ FREE_SLOW = [
 
 
 @pytest.mark.parametrize(("preset", "alpha_deg", "share"), cases(FREE_FAST, FREE_SLOW))
-def test_a_released_block_lands_at_the_exact_time_and_keeps_housners_share(preset, alpha_deg, share):
+def test_a_released_block_lands_at_the_exact_time_with_housners_restitution(preset, alpha_deg, share):
     """Of the angular velocity, and of the energy."""
     landing, ratio, loss = case.free_rocking(alpha_deg, 1.0, share, preset)
     assert abs(landing) < TARGET[preset]
@@ -54,7 +54,7 @@ def test_the_errors_of_a_landing_fall_with_the_square_of_the_step():
 
 
 @pytest.mark.parametrize("preset", ["fast", "standard", "reference"])
-def test_small_swings_die_away_by_housners_share(preset):
+def test_small_swings_decay_by_housners_restitution(preset):
     # A corner of radius 1e-5 R is worth .1 to .2 % of such a swing. Where the step that leads to a touch has the
     # velocity at the touch for more than its last bit, swings lose up to 3 %.
     errors = case.small_swing_errors(0.01, preset)
@@ -94,7 +94,7 @@ def test_a_full_sine_overturns_from_the_exact_amplitude_on(preset, alpha_deg, ha
         ],
     ),
 )
-def test_a_base_of_many_feet_overturns_about_its_leading_edge_or_foot(preset, sides, leading):
+def test_a_base_of_many_contacts_overturns_about_its_leading_edge_or_contact(preset, sides, leading):
     # What errs is the solver, which moves the weight to the leading feet in proportion to its iterations. Measured with
     # standard -.01 to -.03 %, with reference -.015 %; 24 sides with 20 and 50 iterations -.15 and -.09 %.
     assert abs(case.many_feet_error(sides, leading, preset, **WITHIN[preset])) < TARGET[preset]
@@ -192,7 +192,7 @@ def test_the_motion_that_starts_is_shentons(preset, acceleration_g, share):
     ("preset", "mu", "share"),
     cases([("standard", mu, s) for mu in (0.4, 0.6, 1.0) for s in (0.8, 1.2)], []),
 )
-def test_a_translating_block_that_lands_flat_turns_as_the_impact_law_says(preset, mu, share):
+def test_a_translating_block_that_lands_flat_turns_by_the_impact_law(preset, mu, share):
     # On either side of the boundary between landing with a slipping and with a held corner.
     down = -0.5 * share * landing_boundary(3.0, mu)
     error = case.coupled(mu, preset, [0.01], velocity=(0.5, down))
@@ -233,7 +233,7 @@ def test_a_block_that_slides_and_rocks_follows_the_reference(preset, static, kin
         *(pytest.param("standard", share, marks=pytest.mark.slow) for share in (0.65, 0.95)),
     ],
 )
-def test_a_slip_that_has_stopped_holds_again_as_one_that_never_began(preset, share):
+def test_a_slip_that_has_stopped_sticks_as_a_contact_that_never_slipped(preset, share):
     # A drive of g makes a plate slip, one of a share of kinetic friction lets it come to a halt, and one and a half
     # times kinetic friction, which is below static friction, must not move it any more.
     static, kinetic = 0.8, 0.4
@@ -268,7 +268,7 @@ def test_a_plate_that_lands_as_it_slides_takes_kinetic_friction_in_its_impact(fa
 
 
 @pytest.mark.parametrize("friction", [0.25, 0.3, 0.32, (0.38, 0.3), (0.35, 0.25)])
-def test_a_tall_block_that_slides_slows_as_its_friction_says(friction):
+def test_a_tall_block_that_slides_decelerates_by_its_friction(friction):
     # Close to tipping, the weight is on one edge, and friction on single corners would turn the block: no yaw.
     error = case.coupled(friction, "standard", [0.15, 0.3, 0.45], sway_m_s2, 0.5)
     # Where the coefficients differ, slip is seen a step after it began: 1.9e-4 of R. Else at most 2.8e-5.
@@ -287,7 +287,7 @@ def test_a_tall_block_that_slides_slows_as_its_friction_says(friction):
         ],
     ),
 )
-def test_a_rocking_block_rebounds_with_a_share_of_what_its_impact_takes(preset, alpha_deg, restitution):
+def test_a_rocking_block_rebounds_with_a_fraction_of_its_impacts_loss(preset, alpha_deg, restitution):
     lean, rise = case.rebound_error(alpha_deg, restitution, preset)
     assert abs(lean) < 1e-3
     assert abs(rise) < 0.02
@@ -305,7 +305,7 @@ def test_the_threshold_converges_with_the_time_step():
 
 
 @pytest.mark.parametrize("corners", [8, 16, pytest.param(32, marks=pytest.mark.slow)])
-def test_a_body_that_rolls_over_an_arc_of_corners_keeps_the_energy_of_its_impacts(corners):
+def test_a_body_that_rolls_over_an_arc_of_corners_conserves_the_energy_of_its_impacts(corners):
     # Corners that hovered over the ground, and landed with those beside them, lost .46 and .60 % more with 16 and 32.
     assert abs(case.many_corners_error(corners, "standard")) < 2.5e-3
 
@@ -317,7 +317,7 @@ def test_a_body_that_rolls_over_an_arc_of_corners_keeps_the_energy_of_its_impact
         [("reference", 12, 2.0), ("reference", 48, 2.0), ("reference", 48, 1.0), ("fast", 12, 2.0)],
     ),
 )
-def test_a_polygon_that_rolls_loses_each_corners_share_of_the_energy(preset, sides, rate):
+def test_a_polygon_that_rolls_loses_energy_at_every_corner(preset, sides, rate):
     # One landing in 7 to 44 steps; a weight that moves to each corner as much as half a step early would add a
     # tenth to a third.
     assert abs(case.rolling_loss_error(sides, rate, preset)) < {"reference": 0.01}.get(preset, LOSS_TARGET)

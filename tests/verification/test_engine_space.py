@@ -117,7 +117,7 @@ def test_a_cylinder_wobbles_at_the_exact_rate(preset, radius, half_height, tilt_
 
 
 @pytest.mark.parametrize("preset", ["standard", "reference"])
-def test_a_body_free_of_torque_tumbles_as_eulers_equations_say(preset):
+def test_a_body_free_of_torque_tumbles_by_eulers_equations(preset):
     # Spun about its intermediate axis with a small disturbance, on a flight high above the ground.
     sides = np.array([0.6, 0.4, 0.2])  # half sizes; the intermediate axis is y
     inertia = (np.sum(sides**2) - sides**2) / 3
@@ -183,7 +183,7 @@ def test_an_edge_that_lands_and_slips_on_gets_the_impulse_of_newton_and_coulomb(
 
 @pytest.mark.parametrize("restitution", [0.5, 0.9])
 @pytest.mark.parametrize("preset", ["fast", "standard", "reference"])
-def test_a_block_rebounds_from_any_fall_to_newtons_share_of_its_height(preset, restitution):
+def test_a_block_rebounds_from_any_fall_by_newtons_restitution(preset, restitution):
     # One fall takes sqrt(R / g), a whole number of steps: its touch is a step's end.
     half = np.array([0.2, 0.2, 0.6])
     scene = Scene.block(*half, friction=0.8, restitution=restitution)

@@ -57,7 +57,7 @@ def test_a_fast_motion_slides_a_slab_by_newmarks_slip(preset, frequency_hz):
     assert slip_m == pytest.approx(newmarks_slip_m(motion), rel=0.03)  # measured 1.4 to 1.5 % short
 
 
-def test_a_motion_below_fifteen_hertz_or_one_that_does_not_slide_the_rock_leaves_the_step():
+def test_a_motion_below_fifteen_hertz_or_without_sliding_leaves_the_step():
     given_s = PRESETS["fast"].time_step_s(slab().rock.half_diagonal_m, G)
     assert shake(slab(), sine(10.0), "fast").time_step_s == given_s
     assert shake(slab(friction=2.0), sine(20.0), "fast").time_step_s == given_s

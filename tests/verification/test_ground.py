@@ -143,9 +143,7 @@ def cone_programme(scene, azimuth_deg):
         (0, 15, 0.6), (5, 5, 0.2), (-15, -15, 0.4),
     ],
 )  # fmt: skip
-def test_on_two_facets_a_block_leaves_what_the_friction_cones_hold_by_tipping_over_its_feet_or_by_sliding(
-    left, right, friction
-):
+def test_a_block_on_two_facets_leaves_its_friction_cones_by_tipping_or_sliding(left, right, friction):
     """It tips about the two feet on its far side, wherever the facets put them, whatever the friction."""
     scene = block_on(left, right, friction)
     arms = scene.rock.vertices_m - scene.rock.com_m
@@ -190,7 +188,7 @@ def test_rocking_between_two_walls_of_a_groove_is_rocking_on_the_plane():
     [(-30, -30, 8.0, 0.755, 0.0132), (0, -30, -8.0, 3.59, 0.0908), (0, -30, 8.0, 2.229, 0.0564)],
     ids=["ridge", "fall, from its level side", "fall, from its steep side"],
 )
-def test_a_rock_let_go_wedges_and_slides_as_an_independent_contact_dynamics_says(
+def test_a_released_rock_wedges_and_slides_as_in_independent_contact_dynamics(
     left, right, tilt_deg, rest_deg, slip_m
 ):
     """Moreau's steps of 1/40,000 s on point feet, with De Saxce's cones by projection."""
@@ -242,7 +240,7 @@ def slide_of_two_feet_m(rock, feet_m, slopes_deg, friction, level_m_s2, lasting_
 @pytest.mark.parametrize(
     ("level_m_s2", "lasting_s"), [(2.4, 0.2), (3.0, 0.1), (3.0, 0.2), (4.0, 0.1), (6.0, 0.05)]
 )
-def test_a_rock_that_wedges_off_a_ledge_slides_as_the_equations_of_its_two_feet_say(level_m_s2, lasting_s):
+def test_a_rock_that_wedges_off_a_ledge_slides_by_the_equations_of_its_two_contacts(level_m_s2, lasting_s):
     scene = block_on(0, -30)
     feet = np.array([[-HALF_WIDTH_M, 0.0], [HALF_WIDTH_M, -HALF_WIDTH_M * math.tan(math.radians(30))]])
     exact_m = slide_of_two_feet_m(scene.rock, feet, [0, -30], 0.8, level_m_s2, lasting_s)
@@ -295,7 +293,7 @@ def peaks(angle_rad):
     return [v for v in largest if v > 0.02]
 
 
-def test_a_stool_slides_over_a_shallow_groove_as_an_independent_contact_dynamics_says():
+def test_a_stool_slides_over_a_shallow_groove_as_in_independent_contact_dynamics():
     """On the plane it is (A g t)^2 / (2 mu g) (1 - mu / A) = 0.245 m."""
     scene = stool_on(5, 5)
     assert shake(scene, pulse(0.8 * G, 0.25), "standard").slip_m == pytest.approx(0.216, rel=0.05)
@@ -422,7 +420,7 @@ def righted_m_s2(half_width, lean_deg):
 
 
 @pytest.mark.parametrize("gap_m", [0.0, 1e-3, 5e-3, -1e-3])
-def test_a_leaning_slab_stands_what_a_slow_ramp_of_its_own_says_whatever_gap_it_settles_over(gap_m):
+def test_a_leaning_slab_stands_up_to_its_slow_ramp_whatever_gap_it_settles_over(gap_m):
     """A slab that was given a gap away from its wall settles on corners that differ by micrometres."""
     rock, surface = slab_on_a_wall(0.2, 25.0, 0.2, gap_m)
     scene = Scene.from_mesh(rock, pedestal=surface, friction=0.8)
@@ -524,7 +522,7 @@ def test_a_prism_that_rolls_over_to_its_next_side_has_toppled_and_not_lodged():
 
 
 @pytest.mark.parametrize("slope_deg", [15, -15])
-def test_a_stool_that_slides_across_a_fold_on_its_own_feet_has_not_lodged(slope_deg):
+def test_a_stool_that_slides_across_a_fold_on_its_own_legs_has_not_lodged(slope_deg):
     """One foot comes to stand higher than the other by more than a quarter of the centre of mass's height."""
     scene = stool_on(slope_deg, slope_deg)
     slid = shake(scene, pulse(0.8 * G, 0.25), "fast")
@@ -533,7 +531,7 @@ def test_a_stool_that_slides_across_a_fold_on_its_own_feet_has_not_lodged(slope_
 
 
 @pytest.mark.parametrize(("kerb_m", "slope_deg", "friction"), [(0.03, 25.0, 0.3), (0.02, 20.0, 0.2)])
-def test_a_stool_that_slides_down_to_a_kerb_at_its_foot_has_not_lodged(kerb_m, slope_deg, friction):
+def test_a_stool_that_slides_down_to_a_kerb_has_not_lodged(kerb_m, slope_deg, friction):
     """The slope it comes to is steeper than its friction's angle: a low kerb holds its foot, nothing catches it."""
     low_m = 1.6
     down = low_m * math.tan(math.radians(slope_deg))
@@ -561,7 +559,7 @@ def test_a_rock_that_stands_on_two_levels_and_falls_against_a_wall_has_lodged():
 
 
 @pytest.mark.parametrize("right_m", [0.3, 0.5])
-def test_a_ledge_that_a_rock_touches_from_the_start_hides_no_lodging_on_a_lower_one(right_m):
+def test_a_ledge_that_a_rock_touches_from_the_start_hides_no_lodging_on_a_lower_ledge(right_m):
     """A tee on its stem, past its balance once its arm comes down on the left ledge; the right one carries nothing."""
     between = [(-6.0, 0.35), (-0.3, 0.35), (-0.3, 0.0), (0.3, 0.0), (0.3, right_m), (6.0, right_m)]
     scene = Scene.from_mesh(tee(), pedestal=strips(between), friction=0.8)
@@ -573,7 +571,7 @@ def test_a_ledge_that_a_rock_touches_from_the_start_hides_no_lodging_on_a_lower_
     assert fallen.residual_tilt_deg > 3.0 * math.degrees(math.atan(0.06 / 0.57))
 
 
-def test_a_rock_that_shifts_on_the_two_levels_that_carried_it_has_not_lodged():
+def test_a_rock_that_shifts_on_its_two_supporting_levels_has_not_lodged():
     """Its left feet alone hold it at the start, on a ledge that ends beyond its middle; later they do not."""
     step_m, edge_m = 0.3, 0.1
     ring = [(-0.4, 0.0), (0.25, 0.0), (0.25, step_m), (0.5, step_m), (0.5, 0.5), (-0.4, 0.5)]
@@ -610,9 +608,7 @@ def prism(ring, triangles, half_depth=0.3):
 @pytest.mark.parametrize(
     ("left", "right", "friction"), [(30, 30, 0.6), (0, -15, 0.8), (-15, -15, 0.8), (0, 30, 0.6)]
 )
-def test_a_slowly_growing_acceleration_topples_by_the_second_engine_where_the_cones_say(
-    left, right, friction
-):
+def test_a_slowly_growing_acceleration_topples_by_the_second_engine_at_the_cones_limit(left, right, friction):
     scene = block_on(left, right, friction)
     (threshold,) = [v for _, v in scene.quasi_static_toppling_m_s2([0.0])]
     levels_m_s2 = threshold * np.array([0.0, 0.9, 1.1])
@@ -634,7 +630,7 @@ def test_a_rock_that_falls_onto_an_outrigger_topples_where_it_leaves_its_base():
     assert toppled == pytest.approx(tipped, rel=0.04)
 
 
-def test_a_rock_that_rolls_onto_the_facet_beside_its_base_topples_where_it_leaves_that():
+def test_a_rock_that_rolls_onto_an_adjacent_facet_topples_where_it_leaves_that():
     """It leaves its base at an acceleration that the facet, reached at 6 degrees, bears three times."""
     rise = math.tan(math.radians(6.0)) * 0.22
     ring = [(-0.03, 0.0), (0.03, 0.0), (0.25, rise), (0.3, 1.0), (-0.3, 1.0), (-0.25, rise)]

@@ -59,7 +59,7 @@ def wide():
 
 @pytest.mark.parametrize("yaw_deg", [0.0, 45.0, 27.3])
 @pytest.mark.parametrize("offset", ROUNDINGS)
-def test_a_block_rocks_on_a_top_of_its_bases_size_as_on_a_wider_one(offset, yaw_deg, wide):
+def test_a_block_rocks_on_a_top_of_its_bases_size_as_on_a_wider_top(offset, yaw_deg, wide):
     """Both ways, or along one side alone; what differs is where it tips: on its own edge or the mesa's."""
     half_m = HALF_WIDTH_M * (1.0 + offset)
     for half_y_m in (half_m, 0.6):
@@ -71,7 +71,7 @@ def test_a_block_rocks_on_a_top_of_its_bases_size_as_on_a_wider_one(offset, yaw_
 
 
 @pytest.mark.parametrize("turned_deg", [1e-7, 1e-5, 1e-3, 0.05, -1e-6])
-def test_a_block_turned_a_little_against_its_mesa_rocks_as_on_a_wider_one(turned_deg, wide):
+def test_a_block_turned_a_little_against_its_mesa_rocks_as_on_a_wider_mesa(turned_deg, wide):
     scene = block_on_mesa(HALF_WIDTH_M, HALF_WIDTH_M, 0.0, turned_deg)
     for motion, expected in zip(MOTIONS[:2], wide, strict=False):
         found = shake(scene, motion, "fast")
@@ -80,7 +80,7 @@ def test_a_block_turned_a_little_against_its_mesa_rocks_as_on_a_wider_one(turned
 
 
 @pytest.mark.parametrize("offset", OFFSETS)
-def test_a_top_of_the_bases_size_holds_what_a_wider_one_holds(offset):
+def test_a_top_of_the_bases_size_holds_what_a_wider_top_holds(offset):
     scene = block_on_mesa(HALF_WIDTH_M * (1.0 + offset), HALF_WIDTH_M)
     tipped = G * HALF_WIDTH_M * min(1.0 + offset, 1.0) / HALF_HEIGHT_M
     for _, least in scene.quasi_static_toppling_m_s2([0.0, 180.0]):
@@ -150,7 +150,7 @@ def test_a_rock_that_topples_before_it_slides_anywhere_has_toppled():
 
 
 @pytest.mark.parametrize("step_m", [0.05, 0.2, 0.4])
-def test_exactly_parallel_feet_on_two_levels_agree_in_every_impact(step_m):
+def test_exactly_parallel_legs_on_two_levels_agree_in_every_impact(step_m):
     """Eight corners of two feet are more than a rock needs: they share an impact in more ways than one."""
     ring = [
         (-0.5, 0),

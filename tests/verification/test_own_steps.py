@@ -155,7 +155,7 @@ def test_the_engine_repeats_the_steps_on_a_coarse_mesh_and_finds_their_gaps(monk
     assert error.value.allowed == bullet.GAP_ALLOWED
 
 
-def test_an_attitude_whose_quaternion_has_a_zero_is_told_from_no_other():
+def test_an_attitude_whose_quaternion_has_a_zero_is_treated_as_any_other():
     prism = cylinder(0.2, 0.6, sides=29)
     scene = Scene.from_mesh((prism.vertices_m, prism.faces), friction=10.0)
     pulse = 4.5 * np.sin(
@@ -166,7 +166,7 @@ def test_an_attitude_whose_quaternion_has_a_zero_is_told_from_no_other():
 
 
 @pytest.mark.parametrize("preset", PRESETS)
-def test_rows_count_the_steps_that_the_engine_carries_out(preset):
+def test_rows_count_the_steps_of_the_engine(preset):
     scene = Scene.block(0.2, 0.25, 0.6, friction=5.0)
     result = shake(scene, noise(np.random.default_rng(3), 0.6 * G), preset)
     assert result.steps > 300

@@ -48,7 +48,7 @@ def test_the_integrator_meets_the_elliptic_integral_over_the_grid(alpha_deg, hal
         (0.3, 1.5, [0.652697, 0.532122, 0.446612, 0.380465, 0.327135]),
     ],
 )
-def test_peaks_after_impacts_are_the_printed_ones(b, h, printed):
+def test_peaks_after_impacts_are_the_printed_peaks(b, h, printed):
     alpha, _ = alpha_p(b, h)
     peak, peaks = 0.9 * alpha, []
     for _ in range(5):
@@ -64,7 +64,7 @@ def test_peaks_after_impacts_are_the_printed_ones(b, h, printed):
 
 
 @pytest.mark.parametrize("alpha_deg", [2, 15, 30, 45])
-def test_energy_is_kept_between_impacts_and_lost_at_them_by_the_ratio(alpha_deg):
+def test_energy_is_conserved_between_impacts_and_lost_at_them_by_the_ratio(alpha_deg):
     alpha = np.deg2rad(alpha_deg)
     b, h = np.sin(alpha), np.cos(alpha)
     body, p = PlaneBody.rectangle(b, h), exact.rocking_frequency(b, h)
@@ -80,7 +80,7 @@ def test_energy_is_kept_between_impacts_and_lost_at_them_by_the_ratio(alpha_deg)
     )
 
 
-def test_an_asymmetrical_body_keeps_the_angular_momentum_about_the_landing_corner():
+def test_an_asymmetrical_body_conserves_the_angular_momentum_about_the_landing_corner():
     body = PlaneBody(right_m=0.3, left_m=0.15, height_m=0.8, inertia_per_mass_m2=0.2)
     for landing, near, far in ((1, 0.3, 0.15), (-1, 0.15, 0.3)):
         # Velocity of the centre of mass turning about the far corner at rate 1, moment about the near one.

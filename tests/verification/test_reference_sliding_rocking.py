@@ -110,7 +110,7 @@ def test_an_impact_with_grip_has_housners_ratio(alpha_deg):
 
 
 @pytest.mark.parametrize("e", [0.0, 0.3, 0.9])
-def test_a_dropped_block_leaves_with_newtons_share_of_its_speed(e):
+def test_a_dropped_block_leaves_by_newtons_restitution(e):
     fallen = slide_and_rock(
         BODY, ContactProperties(0.5, 0.5, e), standing, 1e-6, 1e-6, velocity=(0.0, -2.0, 0.0)
     )

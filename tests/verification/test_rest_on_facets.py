@@ -56,7 +56,7 @@ def poses(result):
 
 
 @pytest.mark.parametrize(("left", "right"), SURFACES)
-def test_a_rest_on_facets_that_is_skipped_is_the_one_that_is_stepped_through(left, right):
+def test_a_rest_on_facets_is_the_same_skipped_or_stepped_through(left, right):
     scene, weak = block_on(left, right), turning(0.2, 8.0, 5.0)
     motion = Motion(np.vstack([burst(3), weak, burst(13, 4.0), weak]), STEP_S)
     short, whole = (shake(scene, motion, "fast", shortcuts=entry, trajectory=True) for entry in (True, False))
@@ -98,7 +98,7 @@ def _held_until(rock):
     return held_until(rock, 0)
 
 
-def test_a_foot_that_hangs_over_its_facet_holds_nothing():
+def test_a_contact_that_hangs_over_its_facet_holds_nothing():
     """By so little that it would come down in one step, were the rock free; it is listed, since it carried before."""
     scene, short_m = block_on(15, 15), 1.5e-5
     vertices = scene.rock.vertices_m.copy()
@@ -115,7 +115,7 @@ def test_a_foot_that_hangs_over_its_facet_holds_nothing():
     assert abs(away[_held_until(rock)]) < 0.02
 
 
-def test_a_rock_that_rocks_slowly_on_two_of_its_feet_has_not_lodged():
+def test_a_rock_that_rocks_slowly_on_two_of_its_legs_has_not_lodged():
     """At the end of a swing it is as slow as one at rest, but nothing holds it, below it or beside it."""
     scene, tilt = block_on(15, 15), Rotation.from_rotvec([0.0, -math.radians(3.0), 0.0])
     shaking = Shaking(

@@ -51,7 +51,7 @@ def test_a_cap_rocks_with_the_period_of_a_rolling_sphere_and_loses_no_energy(edg
 @pytest.mark.parametrize(
     "base", [{"edge_m": 0.04}, {"edge_m": 0.08, "radius_m": 0.4, "half_width_m": 0.25, "height_m": 0.5}]
 )
-def test_a_slowly_growing_acceleration_topples_a_cap_where_statics_say(base):
+def test_a_slowly_growing_acceleration_topples_a_cap_at_the_static_limit(base):
     scene = Scene.from_mesh(round_cap(**base), friction=0.8)
     ((_, threshold),) = scene.quasi_static_toppling_m_s2([0.0])
     knots_s, levels_m_s2 = [0.0, 20.0, 60.0], threshold * np.array([0.0, 0.95, 1.05])

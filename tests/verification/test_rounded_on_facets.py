@@ -48,7 +48,7 @@ def least(scene, *azimuths_deg):
 
 @pytest.mark.parametrize("edge_m", EDGES_M)
 @pytest.mark.parametrize("slope_deg", [5.0, 15.0])
-def test_a_cap_leaves_a_groove_as_a_sphere_that_rolls_up_one_of_its_facets(edge_m, slope_deg):
+def test_a_cap_leaves_a_groove_as_a_sphere_that_rolls_up_a_facet(edge_m, slope_deg):
     """Tilted by t the contact is at (rho sin s, -rho cos s) from the sphere's centre, the centre of mass at
     (-d sin t, -d cos t): a = g (rho sin s + d sin t) / (rho cos s - d cos t), until the contact meets the rim."""
     scene, s = cap_in_groove(edge_m, slope_deg), math.radians(slope_deg)
@@ -93,7 +93,7 @@ def test_a_cap_rolls_along_a_groove_as_on_a_smaller_sphere(edge_m, slope_deg):
 
 
 @pytest.mark.thorough
-def test_a_cap_in_a_groove_topples_toward_any_azimuth_as_a_finer_one():
+def test_a_cap_in_a_groove_topples_toward_any_azimuth_as_a_finer_cap():
     coarse, fine = (least(cap_in_groove(edge_m, 15.0), 30.0, 60.0, 160.0) for edge_m in (0.08, 0.02))
     assert coarse == pytest.approx(fine, rel=0.02)
 
@@ -154,7 +154,7 @@ def test_a_cap_swings_along_a_groove_with_the_period_of_a_smaller_sphere_and_los
     ("ground", "azimuth_deg"),
     [(folded(0.0, -0.4, 0.15), 180.0), (folded(0.1, 0.1), 90.0), (folded(0.1, 0.1), 0.0)],
 )
-def test_a_slowly_growing_acceleration_topples_a_cap_on_facets_where_statics_say(ground, azimuth_deg):
+def test_a_slowly_growing_acceleration_topples_a_cap_on_facets_at_the_static_limit(ground, azimuth_deg):
     """So slowly that the swings that its growth begins, which nothing brakes, stay small."""
     scene = Scene.from_mesh(round_cap(0.04), pedestal=ground, friction=1.2)
     ((_, threshold),) = scene.quasi_static_toppling_m_s2([azimuth_deg])

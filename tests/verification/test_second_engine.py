@@ -21,7 +21,7 @@ RATIO_TARGET = {"fast": 1e-2, "standard": 1e-2, "reference": 5e-3}
 
 @pytest.mark.parametrize("preset", ["fast", "standard", "reference"])
 @pytest.mark.parametrize(("alpha_deg", "share"), [(10, 0.5), (18.4349, 0.5), (30, 0.9)])
-def test_a_released_block_lands_in_time_and_keeps_housners_share(preset, alpha_deg, share):
+def test_a_released_block_lands_in_time_with_housners_restitution(preset, alpha_deg, share):
     landing, ratio, _ = case.free_rocking(alpha_deg, 1.0, share, preset, **MUJOCO)
     assert abs(landing) < 2e-4  # measured 9e-5
     assert abs(ratio) < RATIO_TARGET[preset]

@@ -57,7 +57,7 @@ def test_along_a_fold_friction_grows_as_the_facets_press_harder(slope_deg):
 
 
 @pytest.mark.parametrize("azimuth_deg", [0.0, 30.0, 90.0])
-def test_on_a_level_surface_a_pulse_slides_a_block_as_far_as_newton_says(azimuth_deg):
+def test_on_a_level_surface_a_pulse_slides_a_block_by_newtons_law(azimuth_deg):
     level, friction, lasting_s = 1.2, 0.6, 0.1
     scene = block(facets(0, 0), friction, 0.4, 0.1)
     found_m = shake(
@@ -66,7 +66,7 @@ def test_on_a_level_surface_a_pulse_slides_a_block_as_far_as_newton_says(azimuth
     assert found_m == pytest.approx(slip_of_pulse_m(friction, 0.0, level, lasting_s), rel=0.01)
 
 
-def test_on_an_incline_a_pulse_uphill_slides_a_block_down_as_far_as_newton_says():
+def test_on_an_incline_a_pulse_uphill_slides_a_block_down_by_newtons_law():
     slope, level, friction, lasting_s = math.radians(5.0), 1.2, 0.6, 0.1
     turn = Rotation.from_euler("y", slope).as_matrix()
     ground, faces = facets(0, 0)

@@ -97,7 +97,7 @@ NAMES = "magnitude_low,magnitude_high,distance_low_km,distance_high_km,contribut
         NAMES.replace("\n", ",eps\n") + "5,6,0,10,10,0\n5,6,0,10,20,1\n6,7,10,20,70,0\n",
     ],
 )
-def test_a_table_states_the_edges_of_bins_and_parts_of_one_are_added_up(tmp_path, text):
+def test_a_table_states_the_edges_of_bins_and_parts_of_a_bin_are_summed(tmp_path, text):
     first, two = read_deaggregation(written(tmp_path, text)).bins
     assert (first.magnitude, first.distance_km, first.contribution) == ((5.0, 6.0), (0.0, 10.0), 30.0)
     assert (two.magnitude, two.distance_km, two.contribution) == ((6.0, 7.0), (10.0, 20.0), 70.0)
@@ -201,7 +201,7 @@ def test_a_count_spreads_evenly_over_the_ranks_of_pulse_length_with_both_ends(pu
         assert max(steps) - min(steps) <= 1
 
 
-def test_weights_share_each_bins_contribution_and_add_up_to_one(ensemble, tmp_path):
+def test_weights_divide_every_bins_contribution_and_sum_to_one(ensemble, tmp_path):
     table = tmp_path / "bins.csv"
     table.write_text(f"{NAMES}6,7,0,20,30\n7,8,20,40,10\n7,8,0,20,60\n")
     bins = read_deaggregation(table).bins

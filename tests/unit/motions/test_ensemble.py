@@ -50,7 +50,7 @@ def test_the_id_is_that_of_the_content_not_of_the_order_or_the_place(ensemble, m
     assert Ensemble.write(tmp_path / "less", made[:2]).id != ensemble.id
 
 
-def test_two_records_of_one_id_are_refused_before_anything_is_written(made, tmp_path):
+def test_two_records_of_the_same_id_are_refused_before_anything_is_written(made, tmp_path):
     with refused("ensemble.id_repeated"):
         Ensemble.write(tmp_path / "e", [made[0], made[0]])
     assert not (tmp_path / "e").exists()
@@ -93,7 +93,7 @@ def test_a_motion_that_is_not_the_catalogues_is_refused(ensemble, tmp_path, name
         other.record(other.record_ids[1])
 
 
-def test_every_column_of_the_catalogue_says_what_it_means_and_its_unit(ensemble):
+def test_every_column_of_the_catalogue_states_its_meaning_and_unit(ensemble):
     for field in pq.read_table(ensemble.folder / CATALOG).schema:
         assert field.metadata[b"description"], field.name
         ending = field.name.rpartition("_")[2]
@@ -106,7 +106,7 @@ def test_the_same_seed_gives_the_same_records_and_a_longer_ensemble_starts_with_
     assert few[0].sha != other[0].sha
 
 
-def test_the_stated_share_has_a_near_fault_pulse_within_15_km():
+def test_the_stated_fraction_has_a_near_fault_pulse_within_15_km():
     records = synthetic_ensemble(20, 3, pulse_share=0.25)
     with_pulse = [r for r in records if any("pulse" in step for step in r.history)]
     assert len(with_pulse) == 5

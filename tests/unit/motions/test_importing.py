@@ -68,7 +68,7 @@ def test_what_no_ground_does_is_questioned_with_its_file_and_read_if_asked_for(c
 
 
 @pytest.mark.parametrize("step_s", [0.00833, 0.01, 0.0237])
-def test_two_records_that_are_one_are_found_at_any_two_time_steps(step_s, tmp_path):
+def test_duplicate_records_are_found_at_any_two_time_steps(step_s, tmp_path):
     a = shaking(2000)
     peer(tmp_path, a)
     # tones of up to 6 Hz, which each of the steps holds
@@ -95,7 +95,7 @@ def test_a_record_that_is_given_twice_is_retained_once_unless_folders_are_sites(
     assert not outcome.refusals
 
 
-def test_horizontals_along_one_line_are_refused_and_oblique_ones_resolved(tmp_path):
+def test_collinear_horizontals_are_refused_and_oblique_horizontals_resolved(tmp_path):
     a = shaking()
 
     def with_azimuths(h1, h2):
@@ -110,7 +110,7 @@ def test_horizontals_along_one_line_are_refused_and_oblique_ones_resolved(tmp_pa
     assert np.allclose(x * np.sin(np.pi / 6) + y * np.cos(np.pi / 6), a[:, 1], atol=1e-6)
 
 
-def test_one_azimuth_alone_turns_nothing_and_is_reported(tmp_path):
+def test_a_single_azimuth_turns_nothing_and_is_reported(tmp_path):
     tabled(one_column(tmp_path, shaking()), unit="gal", dt="0.01", h1_azimuth="40", processing="corrected")
     rename = {"STA2_E": "a", "STA2_N": "b"}
     outcome = renamed(tmp_path, rename)
@@ -145,7 +145,7 @@ def renamed(folder, names):
     return imported(folder, process=False)
 
 
-def test_components_that_begin_apart_are_refused_where_one_does_not_say_when(tmp_path):
+def test_components_that_begin_apart_are_refused_where_a_start_time_is_missing(tmp_path):
     paths = edited(tmp_path, "esm")
     for path, second in zip(paths, ("00.000", "00.500"), strict=False):
         stated = f"DATE_TIME_FIRST_SAMPLE_YYYYMMDD_HHMMSS: 20200101_0000{second}"
@@ -187,7 +187,7 @@ def test_a_seismometers_response_is_removed_and_the_xmls_azimuths_orient(unit, o
 
 
 @pytest.mark.parametrize("letter", "ENZ")
-def test_one_uncorrected_channel_makes_a_record_uncorrected(letter, tmp_path):
+def test_an_uncorrected_channel_makes_its_record_uncorrected(letter, tmp_path):
     (path,) = (p for p in WRITERS["esm"](tmp_path, shaking()) if f"HN{letter}" in p.name)
     header, samples = path.read_text().split("PROCESSING: manual (Paolucci et al., 2011)")
     path.write_text(f"{header}PROCESSING: NONE{samples}")
@@ -263,23 +263,21 @@ def both_imported(folder: Path, events: tuple[str, str], unit: str = ""):
     return import_records(record_files([folder / "a", folder / "b"]), table, ImportOptions(process=False))
 
 
-def test_the_tables_events_tell_apart_records_whose_headers_do_not(tmp_path):
+def test_the_tables_events_distinguish_records_whose_headers_do_not(tmp_path):
     for folder, seed in (("a", 0), ("b", 1)):
         written(tmp_path / folder, "smc", seed)
     assert len(both_imported(tmp_path, ("Mainshock", "Aftershock")).records) == 2
     assert len(both_imported(tmp_path, ("Mainshock", "Mainshock")).records) == 1
 
 
-def test_headers_of_other_origin_tell_apart_records_that_the_table_gives_one_name(tmp_path):
+def test_headers_of_other_origin_distinguish_records_that_the_table_names_alike(tmp_path):
     written(tmp_path / "a", "smc", 0)
     written(tmp_path / "b", "smc", 1, {"18    0004": "18    0041"})
     assert len(both_imported(tmp_path, ("Testquake", "Testquake")).records) == 2
 
 
 @pytest.mark.parametrize(("hours_later", "records"), [(0, 1), (34, 2)])
-def test_one_name_of_the_table_is_one_shaking_only_if_the_records_begin_together(
-    hours_later, records, tmp_path
-):
+def test_a_name_of_the_table_is_an_event_only_if_the_records_begin_together(hours_later, records, tmp_path):
     for folder, seed in (("a", 0), ("b", 1)):
         (tmp_path / folder).mkdir()
         for path in WRITERS["miniseed"](tmp_path / folder, shaking(seed=seed), response=None):
@@ -325,7 +323,7 @@ def test_tops_that_are_cut_at_a_rail_or_two_are_clipped_whatever_the_offset(low,
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_one_file_given_as_two_components_is_refused(sign, tmp_path):
+def test_a_file_given_as_two_components_is_refused(sign, tmp_path):
     a = shaking()
     a[:, 1] = sign * a[:, 0]
     WRITERS["peer"](tmp_path, a)

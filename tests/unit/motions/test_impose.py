@@ -89,7 +89,7 @@ def rms_between(motion: Motion, low_hz: float, high_hz: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("share", [0.2, 0.6])
-def test_the_octave_above_is_as_strong_as_asked_and_the_ones_below_stay(share):
+def test_the_octave_above_is_as_strong_as_asked_and_lower_octaves_are_unchanged(share):
     motion = banded()
     drawn = above(motion, share)
     below = rms_between(motion, 0.5 * CORNER_HZ, CORNER_HZ)
@@ -108,14 +108,14 @@ def test_a_component_or_time_without_motion_gets_none():
     assert np.abs(drawn[:early]).max() < 1e-3 * np.abs(drawn).max()
 
 
-def test_what_is_added_carries_the_ground_nowhere():
+def test_the_added_motion_leaves_no_displacement():
     motion = banded()
     drawn = above(motion, 0.6)
     added_m_s = velocity_m_s(drawn)[-1] - velocity_m_s(motion)[-1]
     assert np.abs(added_m_s).max() < 1e-3 * np.abs(velocity_m_s(motion)).max()
 
 
-def test_one_seed_draws_one_motion_and_another_seed_another():
+def test_equal_seeds_draw_equal_motions_and_different_seeds_different_motions():
     motion = banded()
     assert np.array_equal(above(motion, 0.5).acceleration_m_s2, above(motion, 0.5).acceleration_m_s2)
     assert not np.array_equal(above(motion, 0.5).acceleration_m_s2, above(motion, 0.5, 2).acceleration_m_s2)
@@ -128,6 +128,6 @@ def test_a_coarse_record_is_sampled_finely_enough_for_what_is_added():
     assert drawn.duration_s == pytest.approx(banded(step_s=0.01).duration_s, abs=0.01)
 
 
-def test_a_record_that_tells_nothing_below_the_corner_is_refused():
+def test_a_record_without_signal_below_the_corner_is_refused():
     with refused("motion.step_too_coarse", "25 Hz"):
         above(Motion(np.zeros((100, 3)), 0.05), 0.5)

@@ -30,7 +30,7 @@ def test_energy_duration_of_a_single_pulse_of_velocity():
     assert measure(full_sine(1.0, period))["duration_energy_s"] == pytest.approx(exact, rel=1e-4)
 
 
-def test_a_stiff_oscillator_follows_the_ground_and_a_soft_one_stays_behind():
+def test_a_stiff_oscillator_follows_the_ground_and_a_soft_oscillator_stays_behind():
     motion = synthetic_ensemble(1, 2)[0].motion
     spectrum = spectral_acceleration_m_s2(motion, (0.001, 1000.0))
     measures = measure(motion)
@@ -49,7 +49,7 @@ def test_the_spectrum_of_a_short_period_is_that_of_the_ground_between_the_sample
     assert out["x"][0] == pytest.approx(np.abs(response[:, 0]).max(), rel=3e-3)
 
 
-def test_rotd_of_motion_along_one_line_is_the_cosine():
+def test_rotd_of_collinear_motion_is_the_cosine():
     pga, azimuth = 3.0, np.deg2rad(20)
     waves = pga * np.sin(2 * np.pi * np.arange(20_001) * STEP_S / 0.5)
     horizontal = np.outer(waves, [np.cos(azimuth), np.sin(azimuth)])

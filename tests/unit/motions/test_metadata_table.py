@@ -62,7 +62,7 @@ def written(folder, text):
 
 
 @pytest.mark.parametrize(("text", "stated"), ENTRIES.values(), ids=ENTRIES)
-def test_a_row_states_what_its_cells_say_and_nothing_else(text, stated, tmp_path):
+def test_a_row_states_what_its_cells_contain_and_nothing_else(text, stated, tmp_path):
     (entry,) = read_table(written(tmp_path, text))
     assert {name: getattr(entry, name) for name in UNKNOWN | stated} == UNKNOWN | stated
 
@@ -121,8 +121,6 @@ def test_a_row_that_contradicts_the_headers_direction_is_refused(order, label, n
         ("unit", "g", "cm/s2", "record.unit_contradicted", ("0.01 m/s2", "9.80665 m/s2")),
     ],
 )
-def test_what_a_row_says_otherwise_than_the_file_is_refused_with_its_row(
-    names, right, wrong, code, named, tmp_path
-):
+def test_a_row_that_contradicts_its_file_is_refused_with_its_row(names, right, wrong, code, named, tmp_path):
     left_out(with_columns(tmp_path, names, wrong), code, *named)
     assert len(with_columns(tmp_path, names, right).records) == 1

@@ -168,7 +168,7 @@ def test_stationxml_states_the_depth_of_a_channel_or_a_place_in_its_sites_name(t
     left_out_at(imported(tmp_path), what)
 
 
-def test_the_catalogue_keeps_the_place_and_one_written_before_is_of_the_free_field(tmp_path):
+def test_the_catalogue_records_the_place_and_an_older_catalogue_is_of_the_free_field(tmp_path):
     ensemble = Ensemble.write(tmp_path / "both", imported(kik_net(tmp_path), place="any").records)
     assert sorted(ensemble.catalog["sensor_depth_m"].to_pylist()) == [0.0, 217.5]
     assert {ensemble.record(name).place for name in ensemble.record_ids} == {Place(217.5), FREE_FIELD}

@@ -173,7 +173,7 @@ def check_same(outcome, motion=A, north_known=True):
 
 @settings(max_examples=80)
 @given(columns())
-def test_a_motion_is_the_same_whatever_tells_its_time_unit_and_directions(tmp_path_factory, text):
+def test_a_motion_does_not_depend_on_where_time_unit_and_directions_are_stated(tmp_path_factory, text):
     path = written(tmp_path_factory.mktemp("columns"), text)
     check_same(import_records([path], options=AS_IT_IS))
 
@@ -194,7 +194,7 @@ def test_columns_that_might_be_something_else_are_refused_by_their_cause(text, c
 
 
 @pytest.mark.parametrize("text", UNIT_UNKNOWN.values(), ids=UNIT_UNKNOWN)
-def test_a_unit_that_nothing_says_is_left_to_the_table(text, tmp_path):
+def test_an_unstated_unit_is_left_to_the_table(text, tmp_path):
     path = written(tmp_path, text)
     left_out(import_records([path]), "record.unit_unknown")
     assert len(by_table(path).records) == 1
@@ -212,7 +212,7 @@ def test_horizontals_without_bearings_are_in_the_order_of_their_labels(names, tm
     check_same(import_records([written(tmp_path, text)], options=AS_IT_IS), north_known=False)
 
 
-def test_text_that_tells_of_another_quantity_is_reported(tmp_path):
+def test_text_that_names_another_quantity_is_reported(tmp_path):
     text = "# Velocity time history\n# Vs30: 400\nt,E,N,Z\n" + rows()
     (warned,) = [text for _, text in by_table(written(tmp_path, text)).warnings]
     assert "Velocity time history" in warned
@@ -221,7 +221,7 @@ def test_text_that_tells_of_another_quantity_is_reported(tmp_path):
     ).warnings
 
 
-def test_an_azimuth_of_the_table_counts_and_is_reported_where_the_file_says_another(tmp_path):
+def test_an_azimuth_of_the_table_counts_and_is_reported_where_it_contradicts_the_file(tmp_path):
     outcome = by_table(written(tmp_path, f"{NAMED}\n" + rows()), h1_azimuth="0", h2_azimuth="90")
     check_same(outcome, A[:, [1, 0, 2]])
     result = [set(text.replace(",", "").split()) for _, text in outcome.warnings]

@@ -457,7 +457,7 @@ def test_a_component_that_lacks_a_row_which_the_others_have_is_refused(tmp_path)
     left_out(imported(tmp_path), "record.count_contradicted", 395, 400)
 
 
-def test_files_of_cosmos_begin_when_their_headers_say(tmp_path):
+def test_files_of_cosmos_begin_at_the_time_in_their_headers(tmp_path):
     (path,) = WRITERS["cosmos_v2"](tmp_path, a := shaking())
     for late, text in enumerate(re.split(r"(?<=acceleration\n)(?=Corr)", path.read_text())):
         when = "".join(f"{n:8d}" for n in (2018, 241, 8, 29, 2, 33))
@@ -498,7 +498,7 @@ def pieces(path, *parts: tuple[int, int, float], change=lambda data: data):
         [(0, 600, 0), (600, 1000, -0.4)],
     ],
 )  # fmt: skip
-def test_pieces_of_a_channel_that_fit_are_one(parts, tmp_path):
+def test_contiguous_pieces_of_a_channel_are_joined(parts, tmp_path):
     (found,) = read_file(pieces(tmp_path / "r.mseed", *parts))
     assert found.acceleration_m_s2.tolist() == COUNTS.tolist()
     overlap = sum(b - a for a, b, _ in parts) > 1000
@@ -579,7 +579,7 @@ def test_a_peak_beyond_nature_is_reported_with_the_unit_that_would_explain_it(pg
 KINEMETRICS = Path(obspy.__file__).parent / "io" / "kinemetrics" / "tests" / "data"
 
 
-def test_an_episensors_file_says_its_unit_and_which_channel_is_vertical(tmp_path):
+def test_an_episensors_file_states_its_unit_and_its_vertical_channel(tmp_path):
     packed = KINEMETRICS / "STNA.20020722.044649.evt.gz"
     (tmp_path / "rec.evt").write_bytes(gzip.decompress(packed.read_bytes()))
     found = read_file(tmp_path / "rec.evt")

@@ -51,7 +51,7 @@ def test_a_table_that_is_wider_than_the_page_shortens_no_number(capsys):
     assert capsys.readouterr().out.count("123.456789") == 13
 
 
-def test_import_takes_what_files_do_not_say_from_the_table_and_hints_at_one(tmp_path):
+def test_import_takes_what_files_lack_from_the_table_and_suggests_a_table(tmp_path):
     folder = given(tmp_path, "columns")
     with_table = run("import", folder, "--out", tmp_path / "a", "--metadata", folder / "table.csv", "--json")
     assert json.loads(with_table.stdout)["records"] == ["A"]
@@ -77,7 +77,7 @@ def made(tmp_path_factory):
     return folder
 
 
-def test_a_selection_of_a_weighted_ensemble_keeps_its_weights(made, tmp_path):
+def test_a_selection_of_a_weighted_ensemble_retains_its_weights(made, tmp_path):
     rows = Ensemble.load(made).catalog.to_pylist()
     table = tmp_path / "deaggregation.csv"
     head = "magnitude_low,magnitude_high,distance_low_km,distance_high_km,contribution"
@@ -90,7 +90,7 @@ def test_a_selection_of_a_weighted_ensemble_keeps_its_weights(made, tmp_path):
     assert near.catalog["weight"] == weighted.catalog["weight"]
 
 
-def test_import_resamples_when_asked_and_keeps_what_both_steps_can_hold(tmp_path):
+def test_import_resamples_when_asked_and_preserves_frequencies_that_both_steps_resolve(tmp_path):
     folder = given(tmp_path, "peer")
     run("import", folder, "--out", tmp_path / "own")
     run("import", folder, "--out", tmp_path / "finer", "--time-step", 0.0025)
@@ -106,7 +106,7 @@ def test_import_resamples_when_asked_and_keeps_what_both_steps_can_hold(tmp_path
 
 
 @pytest.mark.parametrize(("peaks", "records"), [("2,4,1", 1), ("2,40,1", 0), ("2,,1", 0)])
-def test_peaks_of_the_table_scale_counts_of_one_instrument_and_no_others(tmp_path, peaks, records):
+def test_peaks_of_the_table_scale_counts_of_their_own_instrument_only(tmp_path, peaks, records):
     time = np.arange(2000) * 0.01
     shape = np.sin(2 * np.pi * time) * np.exp(-((time - 10) ** 2))
     # Counts with an offset; the sensitivity is 1000 counts per m/s2.

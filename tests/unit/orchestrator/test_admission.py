@@ -114,7 +114,7 @@ def test_an_exception_in_a_job_is_a_row(batch, monkeypatch):
     assert "ZeroDivisionError" in row["message"]
 
 
-def test_a_worker_that_would_do_another_job_than_the_one_asked_is_unfit(batch):
+def test_a_worker_that_would_do_another_job_than_asked_is_unfit(batch):
     run_key, settings, jobs = batch
     with pytest.raises(task.UnfitWorkerError):
         task.shake_batch(run_key, settings | {"preset": "standard"}, jobs, 1.0)

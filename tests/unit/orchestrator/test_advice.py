@@ -65,7 +65,7 @@ SLENDER, SOUND = Scene.block(0.02, 0.2, 0.6), [2, 4, 8]
         (SOUND, {"scene": UNSEEN, "first_realisation": 3}, None),
     ],
 )
-def test_each_slip_is_reported_once_and_a_sound_campaign_is_warned_of_nothing(levels, asked, want):
+def test_every_mistake_is_reported_once_and_a_sound_campaign_has_no_warning(levels, asked, want):
     found = warned(levels, **asked)
     assert [want in sentence for sentence in found] == [True] * (want is not None)
 
@@ -105,7 +105,7 @@ def test_levels_are_asked_for_where_the_rise_was_not_seen(parts, want):
 
 
 @given(st.lists(st.tuples(st.integers(1, 50), st.floats(0, 1)), min_size=1, max_size=12))
-def test_every_share_is_advised_without_a_fault_and_ends_are_asked_for_exactly_where_they_are_open(drawn):
+def test_further_levels_are_advised_exactly_where_the_toppled_fraction_leaves_ends_open(drawn):
     parts = [LevelCount(float(n + 1), jobs, round(jobs * part)) for n, (jobs, part) in enumerate(drawn)]
     out = suggestions(parts)
     assert any("levels above" in sentence for sentence in out) == (parts[-1].fraction < MOSTLY_FRACTION)

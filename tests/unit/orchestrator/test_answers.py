@@ -157,7 +157,7 @@ def test_what_only_the_worker_knows_is_believed_within_its_limits(planned, name)
         {"slip_m": None},
     ], ids=str,
 )  # fmt: skip
-def test_a_row_that_contradicts_itself_or_says_less_than_a_shake_is_no_answer(planned, change):
+def test_a_contradictory_or_incomplete_row_is_no_answer(planned, change):
     _, row, _ = pair(planned)
     assert problem(planned, row | change) != ""
 

@@ -76,7 +76,7 @@ def test_every_job_lasts_as_its_own_record(planned):
     assert planned.columns["duration_s"].tolist() == [of[spec.scene_id][spec.record_id] for spec in rows]
 
 
-def test_every_beginning_of_an_atlas_holds_as_much_of_each_rock_up_to_a_batch():
+def test_every_beginning_of_an_atlas_has_equally_many_jobs_of_its_rocks_up_to_a_batch():
     orders = [np.arange(start, start + 1000) for start in (0, 1000, 2000)]
     order = taking_turns(orders)
     assert sorted(order) == list(range(3000))
@@ -85,7 +85,7 @@ def test_every_beginning_of_an_atlas_holds_as_much_of_each_rock_up_to_a_batch():
         assert np.ptp(counts) <= JOBS_OF_A_SCENE
 
 
-def test_a_batch_is_of_one_rock_to_the_last():
+def test_every_batch_is_of_a_single_rock():
     scene = np.repeat(np.arange(5), 40)
     order = taking_turns([np.flatnonzero(scene == number) for number in range(5)])
     dispatch, seen = Dispatch(order, np.ones(200), scene=scene), []
@@ -157,7 +157,7 @@ SEMICOLONS = PLAIN.replace(",", ";").replace(".", ",")
         "scene;site;longitude;latitude\nrock;Zürich;117°30'W;N 34°15'00\"\n".encode(),
     ],
 )  # fmt: skip
-def test_a_table_says_the_same_however_a_spreadsheet_writes_it(content, tmp_path):
+def test_a_table_reads_the_same_however_a_spreadsheet_writes_it(content, tmp_path):
     (tmp_path / "rocks.csv").write_bytes(content)
     (site,) = read_sites(tmp_path / "rocks.csv")
     assert (site.rock, site.site, site.longitude, site.latitude) == ("rock", "Zürich", -117.5, 34.25)

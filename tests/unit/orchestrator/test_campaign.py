@@ -49,7 +49,7 @@ def test_what_editors_on_windows_put_around_a_text_changes_nothing(tmp_path, mar
         Campaign.read(path)
 
 
-def test_values_are_read_in_each_of_their_spellings(monkeypatch):
+def test_values_are_read_in_all_of_their_spellings(monkeypatch):
     monkeypatch.setenv("HOME", "/home/me")
     assert campaign(ensemble="~/quakes").ensemble == Path("/home/me/quakes")
     assert campaign().pga_m_s2 == tuple(float(level) for level in range(1, 20))  # a range with its stop

@@ -97,7 +97,7 @@ def test_the_address_of_a_cluster_reaches_its_command_as_it_was_given(address, m
     assert sys.argv == words
 
 
-def test_a_defect_of_the_program_keeps_its_traceback(monkeypatch):
+def test_a_defect_of_the_program_shows_its_traceback(monkeypatch):
     def fails(**_: str) -> None:
         raise ModuleNotFoundError("No module named 'duckdb'")
 
@@ -138,7 +138,7 @@ def test_no_escape_sequence_of_a_file_reaches_terminal_or_log(tmp_path):
     assert CONTROL.search(log) is None
 
 
-def test_the_help_lists_every_verb_in_one_group():
+def test_the_help_lists_every_verb_in_exactly_one_group():
     modules = {name: import_module(f"{verbs.__name__}.{name}") for _, name, _ in iter_modules(verbs.__path__)}
     commands = [name for name, module in modules.items() if isinstance(vars(module).get(name), click.Command)]
     assert sorted(VERBS) == sorted(commands)

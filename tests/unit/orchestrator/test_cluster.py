@@ -37,7 +37,7 @@ def test_an_address_that_asks_for_tls_is_refused_without_certificates_and_nothin
 
 
 @pytest.mark.parametrize("asked", [(10_000, None), (1, 10_000)])
-def test_more_workers_than_a_machine_has_room_for_are_refused_before_one_starts(asked):
+def test_more_workers_than_a_machine_has_room_for_are_refused_before_any_starts(asked):
     before = set(threading.enumerate())
     with refused("cluster.too_many_workers"):
         local(*asked)
@@ -116,7 +116,7 @@ def test_an_interface_that_this_host_lacks_is_refused_with_the_names_of_those_th
     check_queue_refused("cluster.queue_unconfigured", "ib17", tmp_path, "ib17", "'lo'", "scheduler-options")
 
 
-def test_a_batch_system_that_takes_no_job_is_reported_in_one_line(tmp_path, monkeypatch):
+def test_a_batch_system_that_takes_no_job_is_reported_in_a_line(tmp_path, monkeypatch):
     (tmp_path / "sbatch").write_text("#!/bin/sh\necho no such partition >&2\nexit 1\n")
     (tmp_path / "sbatch").chmod(0o755)
     monkeypatch.setenv("PATH", str(tmp_path), prepend=":")
@@ -136,7 +136,7 @@ def gateway_with(monkeypatch, *names):
     monkeypatch.setitem(sys.modules, "dask_gateway", package)
 
 
-def test_a_cluster_of_a_gateway_is_found_by_its_name_or_as_the_only_one(monkeypatch):
+def test_a_cluster_of_a_gateway_is_found_by_its_name_or_as_the_only_cluster(monkeypatch):
     gateway_with(monkeypatch, "first", "second")
     with gateway("second") as client:
         assert client == "client of second"
@@ -174,7 +174,7 @@ class Batch(SpecCluster):
         self.asked.append(list(jobs))
 
 
-def test_a_batch_job_that_has_ended_with_all_its_workers_is_submitted_again_and_one_that_waits_is_not():
+def test_a_batch_job_that_has_ended_with_all_its_workers_is_resubmitted_and_a_waiting_job_is_not():
     cluster = Batch("first", "second")
     client = SimpleNamespace(
         cluster=cluster, sync=lambda function, *given, callback_timeout: function(*given)

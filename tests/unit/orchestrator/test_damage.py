@@ -148,7 +148,7 @@ def test_a_run_whose_own_files_are_damaged_does_not_go_on(runs, tmp_path):
     prepare(run, planned, dict(versions()))
 
 
-def test_a_folder_that_another_session_began_meanwhile_is_gone_on_with(runs, tmp_path, monkeypatch):
+def test_a_folder_that_another_session_began_meanwhile_is_resumed(runs, tmp_path, monkeypatch):
     planned = plan_of(Campaign.read(runs / "campaign.toml"))
     begin = run_folder.begin
 

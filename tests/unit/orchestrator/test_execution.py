@@ -100,7 +100,7 @@ def test_a_row_that_does_not_answer_its_job_is_tried_again_and_fails_if_none_doe
     assert progress.deaths == 0
 
 
-def test_a_host_that_cannot_keep_what_it_is_sent_is_sent_away(session):
+def test_a_host_that_cannot_store_what_it_is_sent_is_dismissed(session):
     case = session(
         faults=lambda job, begun: "undelivered" if case.cluster.workers == 2 else None, full_hosts=True
     )
@@ -109,7 +109,7 @@ def test_a_host_that_cannot_keep_what_it_is_sent_is_sent_away(session):
     assert statuses(case) == {"ok": 24}
 
 
-def test_an_unfit_worker_is_sent_away_and_without_a_fit_one_the_run_ends(session):
+def test_an_unfit_worker_is_dismissed_and_without_a_fit_worker_the_run_ends(session):
     case = session(faults=lambda job, begun: "unfit" if case.cluster.workers == 2 else None)
     case()
     assert statuses(case) == {"ok": 24}
@@ -192,7 +192,7 @@ def test_parts_that_are_lost_are_done_again_and_if_that_goes_on_the_disk_is_blam
 
 @settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(seed=st.integers(0, 2**32 - 1), killer=st.integers(0, 30), workers=st.integers(1, 40))
-def test_whatever_befalls_workers_every_job_has_one_row_and_only_killers_have_no_answer(
+def test_whatever_befalls_workers_every_job_has_a_row_and_only_fatal_jobs_lack_an_answer(
     planned, tmp_path_factory, monkeypatch, seed, killer, workers
 ):
     random = np.random.default_rng(seed)

@@ -65,7 +65,7 @@ STOPPED = {
 
 
 @pytest.mark.parametrize("work", STOPPED.values(), ids=STOPPED)
-def test_ctrl_c_ends_it_with_one_line(work):
+def test_ctrl_c_ends_it_with_a_single_line(work):
     assert ended(work) == (130, "", "stopped\n")
 
 
@@ -145,7 +145,7 @@ def test_under_nohup_a_terminal_that_closes_stops_nothing():
 
 
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
-def test_a_verb_that_is_asked_to_end_says_one_line(name, tmp_path):
+def test_a_verb_that_is_asked_to_end_prints_a_single_line(name, tmp_path):
     program = f"""
         import signal, sys, time
         signal.signal(signal.{name}, signal.SIG_DFL)

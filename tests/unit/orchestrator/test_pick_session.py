@@ -107,7 +107,7 @@ def until(picking, condition):
     return state
 
 
-def test_only_the_latest_hints_are_worked_out(picking, work):
+def test_only_the_latest_hints_are_computed(picking, work):
     until(picking, lambda state: state["stage"] == "splitting")
     for text in NEAR[1:]:
         picking.say(text)

@@ -45,7 +45,7 @@ def planned(campaign, **changes):
     return plan(changed, Scene.load(campaign.scene), Ensemble.load(campaign.ensemble))
 
 
-def test_every_point_is_a_job_of_its_own_and_realisations_are_spread_over_those_of_each_record(campaign):
+def test_every_point_is_a_job_of_its_own_and_realisations_are_spread_over_every_records_jobs(campaign):
     axes = {"pga_m_s2": tuple(range(1, 7)), "azimuth_deg": (0, 60, 120, 180)}
     assert len(planned(campaign, **axes)) == 3 * 6 * 4
     jobs = planned(campaign, **axes, friction=((0.8, 0.8), (0.6, 0.6)), realisations=5).jobs.to_pandas()
@@ -270,7 +270,7 @@ def test_in_every_beginning_records_levels_and_azimuths_are_balanced_up_to_a_blo
         assert largest_deviation(jobs[:, axis]) <= of_a_record + size / 4 + 2
 
 
-def test_after_a_quarter_of_a_run_each_record_level_and_azimuth_has_had_its_quarter():
+def test_after_a_quarter_of_a_run_a_quarter_is_done_of_every_record_level_and_azimuth():
     jobs = ordered(30, 12, 12)[: int(0.26 * 4320)]
     assert set(np.bincount(jobs[:, RECORD], minlength=30)) == {37, 38}
     assert np.ptp(np.bincount(jobs[:, LEVEL], minlength=12)) <= 2
@@ -292,5 +292,5 @@ def test_scenes_change_seldom_and_come_round_evenly():
 
 
 @pytest.mark.parametrize(("jobs", "timed"), [(3, 1), (20, 4), (165, 12), (21280, 48)])
-def test_of_every_plan_some_jobs_are_timed_and_of_a_small_one_few(jobs, timed):
+def test_some_jobs_of_every_plan_are_timed_and_few_of_a_small_plan(jobs, timed):
     assert timed_jobs(jobs) == timed

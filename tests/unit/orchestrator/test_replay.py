@@ -63,7 +63,7 @@ def replayed(run, tmp_path_factory):
     return command("replay", folder, row["job_id"][:12], "--out", out), row, out
 
 
-def test_a_job_seen_again_has_the_answer_and_the_way_of_the_run(replayed):
+def test_a_replayed_job_has_the_answer_and_the_trajectory_of_the_run(replayed):
     done, row, out = replayed
     assert done.exit_code == 0, done.output
     assert "The answer is that of the run" in done.output

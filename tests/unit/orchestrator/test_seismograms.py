@@ -89,9 +89,7 @@ def given(tmp_path_factory):
     return of_ensemble(folder)
 
 
-def test_each_rock_is_shaken_by_the_seismograms_at_its_site_alone_and_one_that_falls_holds_up_none(
-    sites, given
-):
+def test_rocks_are_shaken_by_their_own_seismograms_and_an_unstable_rock_delays_no_other(sites, given):
     rows, by_one = (check_sites(sites, given, [1.0], "fast", workers=number) for number in (2, 1))
     pd.testing.assert_frame_equal(rows, by_one)
     of = dict(list(rows.groupby("rock")))

@@ -69,7 +69,7 @@ def test_workers_are_reported_while_the_session_goes_on_and_no_longer(planned, t
     assert (state_of(run)["workers"], state_of(run)["state"]) == (None, "complete")
 
 
-def test_a_look_at_the_state_keeps_no_session_from_beginning(planned, tmp_path, monkeypatch):
+def test_reading_the_status_blocks_no_session_from_beginning(planned, tmp_path, monkeypatch):
     # The timer may be late on a busy machine.
     monkeypatch.setattr("toppling.orchestrator.run_folder._LOCK_PATIENCE_S", 30.0)
     # As long as state_of looks, it holds the lock, shared; here for longer, so that the session meets it.
@@ -103,7 +103,7 @@ def test_a_file_system_without_locks_is_not_taken_for_another_process(planned, t
     assert state_of(tmp_path / "run")["state"] == "interrupted"
 
 
-def test_a_session_that_goes_on_is_called_running_and_one_that_was_killed_interrupted(planned, tmp_path):
+def test_a_live_session_is_called_running_and_a_killed_session_interrupted(planned, tmp_path):
     run = tmp_path / "run"
     with session(run):
         state = state_of(run)
@@ -116,7 +116,7 @@ def test_a_session_that_goes_on_is_called_running_and_one_that_was_killed_interr
         assert [entry["ended"] for entry in state_of(run)["sessions"]] == ["interrupted", "running"]
 
 
-def test_the_shares_of_a_run_count_jobs_with_an_answer_by_level(planned, tmp_path):
+def test_the_toppled_fractions_of_a_run_count_answered_jobs_by_level(planned, tmp_path):
     done = rows(planned, [("ok", ""), ("ok", ""), ("crashed", "died")])
     answered = [row | {"toppled": n == 0} for n, row in enumerate(done[:2])]
     write_part(tmp_path / "run", [*answered, done[2]])

@@ -97,7 +97,7 @@ def test_a_toppling_is_replayed_on_a_click(server):
 
 
 @needs_driver
-def test_a_browser_draws_the_map_and_runs_nothing_that_a_run_says(server, tmp_path):
+def test_a_browser_draws_the_map_and_runs_no_script_from_a_run(server, tmp_path):
     with browsing(tmp_path) as browser:
         browser.open(server.address)
         browser.until("document.querySelectorAll('#latest button').length")

@@ -94,14 +94,14 @@ def test_survival_over_a_normal_age_is_its_moment_generating_function():
     assert result == pytest.approx(math.exp(-20000 * RATE + (3000 * RATE) ** 2 / 2), rel=5e-4)
 
 
-def test_rocks_of_one_date_stand_equally_long_in_every_draw_and_need_one_age():
+def test_rocks_of_a_common_date_stand_equally_long_in_every_draw_and_need_a_single_age():
     together = joint_ages([parse_age("15000..30000")] * 3, common_date=True)
     assert (together == together[:, :1]).all()
     with refused("age.dates_contradicted"):
         joint_ages([parse_age("1000"), parse_age("2000")], common_date=True)
 
 
-def test_a_common_relative_error_correlates_ages_as_its_share_of_their_variance():
+def test_a_common_relative_error_correlates_ages_by_its_fraction_of_their_variance():
     ages = joint_ages([parse_age("20000+-2000"), parse_age("20000+-2000")], common_error=0.1)
     # Each varies by 0.1 of its own and by 0.1 in common.
     assert np.corrcoef(ages.T)[0, 1] == pytest.approx(0.5, abs=0.08)
@@ -123,7 +123,7 @@ def test_a_rock_counts_with_its_own_rate_before_and_after_it_became_fragile(age,
 
 
 @pytest.mark.parametrize("text", ["8000:0.5", "8000:1", "8000:x", ":2"])
-def test_a_stouter_rock_has_a_factor_above_one_and_a_date(text):
+def test_an_erosion_factor_is_above_unity_and_dated(text):
     with pytest.raises(InputError) as error:
         parse_since(text)
     assert error.value.code in ("age.factor_unusable", "age.unreadable")

@@ -36,7 +36,7 @@ def curve_of(jobs):
 @pytest.mark.parametrize(
     ("levels", "azimuths", "count"), [(3, 1, 8), (2, 2, 25), (6, 4, 25), (1, 1, 7), (5, 1, 6)]
 )
-def test_each_record_has_all_bases_equally_often_and_no_job_twice(levels, azimuths, count):
+def test_every_record_has_all_bases_equally_often_and_no_job_twice(levels, azimuths, count):
     for of_record in realisations_spread(10, levels, azimuths, count):
         often = np.bincount(of_record.ravel(), minlength=count)
         assert len(often) == count
@@ -47,7 +47,7 @@ def test_each_record_has_all_bases_equally_often_and_no_job_twice(levels, azimut
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("between_bases", [0.0, 0.1, 0.3, 0.6])
-def test_the_interval_holds_the_median_of_one_base_in_nine_of_ten_runs(between_bases):
+def test_the_interval_holds_the_median_of_a_single_base_in_nine_of_ten_runs(between_bases):
     held = []
     for seed in range(40):
         jobs, of_one = run(between_bases, seed=seed)
@@ -103,7 +103,7 @@ def test_curves_of_single_bases_average_to_that_of_all():
     assert all(c.beta < fitted.lognormal.beta * 1.3 for c in fitted.resampled.lognormals("pgv_m_s"))
 
 
-def test_bases_without_weight_say_nothing_of_how_far_bases_differ():
+def test_bases_without_weight_do_not_affect_the_spread_between_bases():
     jobs, _ = run(0.0)
     far = jobs["base"] % 2 == 1
     moved = jobs.assign(toppled=np.where(far, jobs["pgv_m_s"] > 4.0 * MEDIAN, jobs["toppled"]))

@@ -47,7 +47,7 @@ def told_by(*arguments):
     return json.loads(done.stdout)
 
 
-def test_a_run_tells_how_far_other_records_would_move_its_bound_and_a_file_that_it_does_not(tmp_path, curves):
+def test_a_run_but_no_file_states_how_far_other_records_would_move_its_bound(tmp_path, curves):
     write_part(tmp_path, rows(records=30, azimuths=(0.0,)))
     statement = told_by(str(tmp_path))
     assert statement["unexceeded_low"] < statement["unexceeded"] < statement["unexceeded_high"]
@@ -56,7 +56,7 @@ def test_a_run_tells_how_far_other_records_would_move_its_bound_and_a_file_that_
     assert told_by(curves)["unexceeded_low"] is None
 
 
-def test_of_several_contacts_one_is_chosen_with_all_that_its_own_run_tells(tmp_path, curves):
+def test_a_contact_is_chosen_among_several_with_the_data_of_its_own_run(tmp_path, curves):
     rough = rows(records=8, azimuths=(0.0,), friction=0.8)
     for name, jobs in (("one", rough), ("both", rough + rows(records=8, azimuths=(0.0,), friction=0.5))):
         (tmp_path / name / "run").mkdir(parents=True)
@@ -246,7 +246,7 @@ def test_the_hazard_written_back_is_a_tree_with_the_new_weights(tmp_path, curves
     assert page.index("The 1e-4 PGV of the mean hazard falls from") < page.index("<nav>")
 
 
-def test_several_rocks_have_one_fragility_with_the_spread_between_them(tmp_path, curves):
+def test_several_rocks_have_a_common_fragility_with_the_spread_between_them(tmp_path, curves):
     other = str(write_curves(tmp_path / "other.json", [Lognormal("pgv_m_s", 1.5, 0.3)]))
     statement = told_by(curves, other)["random_rock"]
     assert statement["median"] == pytest.approx(math.sqrt(1.2 * 1.5))
@@ -290,7 +290,7 @@ def test_factors_of_rates_and_of_the_mean_follow_from_the_branches_rates(rocks, 
     assert low < statement["mean"]["scale_factor"] < high
 
 
-def test_rocks_that_survive_under_no_branch_are_named_and_their_rates_keep_an_interval(rocks, events):
+def test_rocks_that_survive_under_no_branch_are_named_and_their_rates_have_an_interval(rocks, events):
     given = (*rocks, "--hazard", events, "--site", "aa", "--age", "1000000")
     statement = told_by(*given)
     assert [branch["survival"] for branch in statement["branches"]] == pytest.approx([0.0, 0.0], abs=1e-300)
@@ -354,7 +354,7 @@ def test_a_set_of_events_stands_alone_and_its_options_need_it(rocks, events, tmp
     assert "--event-rate applies" in alone.output
 
 
-def test_a_rock_once_stouter_lies_between_one_that_was_buried_and_one_that_was_not(curves, hazards):
+def test_a_rock_that_eroded_is_constrained_between_a_buried_rock_and_an_exposed_rock(curves, hazards):
     asked = [curves, "--hazard", hazards[0], "--age", "12000"]
     options = ([], ["--fragile-since", "4000:1.5"], ["--fragile-since", "4000"])
     bare, less_fragile, buried = (told_by(*asked, *more)["branches"][0]["survival"] for more in options)

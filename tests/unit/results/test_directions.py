@@ -34,7 +34,7 @@ def four():
     )
 
 
-def test_the_share_of_a_sector_includes_its_bounds_and_leaves_out_jobs_without_an_answer(four):
+def test_the_fraction_of_a_sector_includes_its_bounds_and_excludes_jobs_without_an_answer(four):
     result = sector_share(four, 122.5, 157.5)
     assert (result["jobs"], result["toppled"], result["toppled_within"]) == (4, 3, 2)
     assert result["share_of_jobs"] == pytest.approx(0.5)
@@ -51,7 +51,7 @@ def test_the_sector_of_a_rock_is_where_the_least_acceleration_topples_it_to():
     assert least_sector(None) is None
 
 
-def test_the_rose_counts_each_toppled_job_in_the_petal_nearest_to_it(four):
+def test_the_rose_counts_every_toppled_job_in_the_nearest_petal(four):
     rose = topple_rose(four, petal_deg=45.0).set_index("falls_toward_deg")["toppled"]
     assert rose.to_dict() == {0.0: 1, 45.0: 0, 90.0: 0, 135.0: 1, 180.0: 1, 225.0: 0, 270.0: 0, 315.0: 0}
 

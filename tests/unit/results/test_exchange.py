@@ -120,7 +120,7 @@ def lacking(name):
         ("absent.json", None),
     ],
 )
-def test_what_is_no_file_of_one_curve_a_measure_is_refused_by_name(tmp_path, name, text):
+def test_a_file_without_exactly_one_curve_per_measure_is_refused_by_name(tmp_path, name, text):
     (tmp_path / "run.json").write_text("{}")
     if text is not None:
         (tmp_path / name).write_text(text)

@@ -88,7 +88,7 @@ def test_the_measure_that_made_the_answers_predicts_best(jobs):
                                        "duration_energy_s"}  # fmt: skip
 
 
-def test_each_job_is_predicted_by_a_fit_to_other_records(jobs, monkeypatch):
+def test_every_job_is_predicted_by_a_fit_to_other_records(jobs, monkeypatch):
     held_out = []
 
     def seen(frame, *rest, **options):
@@ -147,7 +147,7 @@ def test_a_true_model_is_calibrated(jobs):
     assert result["jobs"].sum() == len(jobs)
 
 
-def test_shares_are_weighted_means_with_the_effective_number_of_records_behind_them():
+def test_fractions_are_weighted_means_with_an_effective_number_of_records():
     frame = tiny([1.0, 1.0, 4.0], [True, True, False]).assign(record_weight=[1.0, 1.0, 2.0])
     table = observed_fractions(frame, "pgv_m_s", bins=1).iloc[0]
     assert table[["value", "probability"]].tolist() == pytest.approx([2.0, 0.5])
@@ -182,7 +182,7 @@ def by_statsmodels(design, share, trials):
 
 
 @pytest.mark.parametrize(("quakes", "alike"), [(12, True), (4, False)])
-def test_records_that_are_alike_in_an_earthquake_say_no_more_than_one_of_them(quakes, alike):
+def test_identical_records_of_an_earthquake_add_no_information(quakes, alike):
     single = pd.DataFrame(rows(records=12))
     single["event"] = [f"quake {int(name[1:]) % quakes}" for name in single["record_id"]]
     four = pd.concat(

@@ -70,7 +70,7 @@ def test_wilson_intervals_agree_with_the_closed_form():
 
 
 @pytest.mark.parametrize("of_event", [0.0, 0.5])
-def test_intervals_of_cells_hold_the_truth_whatever_records_of_one_earthquake_share(of_event):
+def test_intervals_of_cells_hold_the_truth_however_records_of_an_earthquake_correlate(of_event):
     random, levels, held = np.random.default_rng(4), np.array([-0.3, 0.0, 0.4]), []
     for _ in range(150):
         event = np.repeat(np.arange(12), 1 + random.geometric(0.3, 12))
@@ -85,7 +85,7 @@ def test_intervals_of_cells_hold_the_truth_whatever_records_of_one_earthquake_sh
     assert 0.9 < np.mean(held) < 0.98
 
 
-def test_copies_of_one_record_do_not_narrow_the_interval(hand_made):
+def test_copies_of_a_record_do_not_narrow_the_interval(hand_made):
     plane = PLANES["pga_pgv_pga"]
     copies = [hand_made.assign(job_id=hand_made["job_id"] + str(turn)) for turn in range(8)]
     once, often = cells(hand_made, plane), cells(pd.concat(copies), plane)
@@ -171,7 +171,7 @@ def test_a_record_of_whole_weight_counts_as_that_many_copies_in_cells_and_in_fit
     assert heavy.coefficients == pytest.approx(copied.coefficients, rel=1e-6)
 
 
-def test_equal_weights_change_nothing_and_unequal_ones_widen_the_interval():
+def test_equal_weights_change_nothing_and_unequal_weights_widen_the_interval():
     frame = pd.DataFrame(rows(records=20, levels=range(1, 16, 2), azimuths=(0.0,)))
     plain = cells(frame, PLANES["pga_duration"])
     names = sorted(frame["record_id"].unique())
@@ -222,7 +222,7 @@ def test_counts_and_changes_are_those_of_the_rows(run):
     assert table.median_pga_m_s2 == pytest.approx(fit(known, ["pga_m_s2"]).lognormal.median)
 
 
-def test_a_run_within_nature_has_nothing_to_tell(run):
+def test_a_run_within_observed_motions_has_no_remark(run):
     frame = run.frame()
     assert unphysical_of(run, frame[frame["pgv_m_s"] < 3.0]) is None
 

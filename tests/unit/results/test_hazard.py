@@ -40,7 +40,7 @@ def test_a_sharp_threshold_topples_at_the_rate_of_its_exceedance(median, exponen
 
 
 @pytest.mark.parametrize("beta", [2e-4, 8e-4, 3e-3, 1e-2])
-def test_a_nearly_sharp_threshold_keeps_to_the_error_that_is_claimed(beta):
+def test_a_nearly_sharp_threshold_stays_within_the_claimed_error(beta):
     exponent = 3.0
     for median in np.linspace(0.7, 1.3, 21):
         rate = toppling_rate([Lognormal("pgv_m_s", median, beta)], power_law(exponent=exponent))
@@ -74,7 +74,7 @@ def test_before_the_younger_rock_stood_only_the_older_could_topple():
     assert survival([ROCK, ROCK], ["1000", "5000"], hazard) == pytest.approx(math.exp(-exponent))
 
 
-def test_a_inconsistent_rate_is_one_under_which_the_rock_cannot_have_survived():
+def test_an_inconsistent_rate_excludes_the_rocks_survival():
     years, confidence = 10_000.0, 0.95
     bound = inconsistent_rate([Standing("rock", ROCK)], [0.0, 1.2, 5.0], stood("10000"), confidence)
     # At the median F is one half: lambda = -ln(0.05) / (0.5 T).
@@ -99,14 +99,14 @@ def test_without_an_age_a_single_event_is_bounded_at_its_confidence():
     assert unexceeded([ROCK, ROCK], 0.95) == pytest.approx(ROCK.intensity(1 - math.sqrt(0.05)))
 
 
-def test_a_hazard_curve_that_ends_too_early_says_what_it_may_miss():
+def test_a_hazard_curve_that_ends_too_early_states_what_it_may_miss():
     assert unstated_fractions([ROCK], power_law())[1] < 1e-6
     assert unstated_fractions([ROCK], power_law(high=1.0))[1] > 0.4
 
 
 @pytest.mark.parametrize("curves", [[ROCK], [ROCK, Lognormal("pgv_m_s", 0.9, 0.2)]], ids=["one", "two"])
 @pytest.mark.parametrize("low", [0.3, 0.8, 3.0])
-def test_a_power_law_that_begins_too_late_says_what_share_of_the_rate_it_leaves_out(curves, low):
+def test_a_power_law_that_begins_too_late_states_the_fraction_of_the_rate_it_omits(curves, low):
     late, whole = power_law(exponent=3.0, low=low), power_law(exponent=3.0)
     counted, rate = toppling_rate(curves, late), toppling_rate(curves, whole)
     # Both sums have the midpoint rule's error of 2.3e-6; four of them.
@@ -119,7 +119,7 @@ def test_a_curve_that_is_flat_at_its_first_point_leaves_out_nothing_below():
     assert unstated_fractions([ROCK], flat)[0] == pytest.approx(0.0, abs=1e-12)  # a difference of sums
 
 
-def test_a_first_segment_however_steep_gives_a_share():
+def test_a_first_segment_however_steep_gives_a_fraction():
     steep = HazardCurve("steep", "pgv_m_s", np.array([1.0, 1.1, 9.0]), np.array([1.0, 1e-4, 1e-5]))
     assert 0.9 < unstated_fractions([Lognormal("pgv_m_s", 1.0, 0.8)], steep)[0] <= 1.0
 
@@ -131,7 +131,7 @@ def test_what_a_curve_leaves_out_at_its_end_counts_as_toppling_where_it_is_conti
     assert result == pytest.approx(toppling_rate([ROCK], early) + missing, rel=1e-9)
 
 
-def test_rocks_of_which_one_never_topples_are_bounded_by_the_other():
+def test_a_rock_that_never_topples_leaves_the_bound_to_the_other():
     first, never = Lognormal("pgv_m_s", 1.2, 0.4), Lognormal("pgv_m_s", math.inf, 0.0)
     assert unexceeded([first, never]) == pytest.approx(unexceeded([first]), rel=1e-9)
     assert unexceeded([never, never]) == math.inf

@@ -88,7 +88,7 @@ def test_a_table_may_have_several_sites(tmp_path):
         (read_hazard, "event_id,annual_rate,ln PGA (g)\n1,1000,0.5\n2,2000,0.7\n", "hazard.is_of_events"),
     ],
 )
-def test_a_table_that_does_not_say_how_often_events_shake_how_much_is_refused(tmp_path, read, text, code):
+def test_a_table_without_rates_or_motions_of_events_is_refused(tmp_path, read, text, code):
     (tmp_path / "events.csv").write_text(text)
     with refused(code):
         read(tmp_path / "events.csv")
@@ -145,7 +145,7 @@ def test_a_scenario_and_a_catalogue_whose_time_no_file_states_ask_for_their_rate
         ("gmf-data_1.csv", "gmv_PGA,gmv_PGV", "gmv_FOO,gmv_BAR", "events.no_measure"),
     ],
 )  # fmt: skip
-def test_events_that_contradict_each_other_are_refused_by_what_is_wrong(tmp_path, name, old, new, what):
+def test_contradictory_events_are_refused_with_the_contradiction(tmp_path, name, old, new, what):
     path = write_calculation(tmp_path) / name
     text = path.read_text()
     assert old in text
@@ -170,7 +170,7 @@ def test_openquakes_event_set_gives_its_branches_rates_of_toppling_and_of_exceed
     assert events.prior == pytest.approx([0.75, 0.25])
 
 
-def test_a_cybershake_rupture_shares_its_probability_over_its_variations(tmp_path):
+def test_a_cybershake_ruptures_probability_is_divided_over_its_variations(tmp_path):
     head = "Site_Name,Source_ID,Rupture_ID,Rupture_Variation_ID,Rupture_Probability,Period,Component,IM_Value,Units"
     rows = [
         f'"USC",{rupture},{variation},{p},2.0,"RotD50",{value},"cm per sec squared"'
@@ -190,7 +190,7 @@ def test_a_cybershake_rupture_shares_its_probability_over_its_variations(tmp_pat
     assert any("3 variations" in note for note in events.notes)
 
 
-def test_survival_is_that_of_poisson_events_over_each_rocks_own_age():
+def test_survival_is_that_of_poisson_events_over_every_rocks_own_age():
     """Both rocks stand for 120 years, the old one alone for 180 more; each is toppled by chance of its own."""
     branch = a_branch(1, events=12, rate=2e-3, strength=4.0)
     rocks = [

@@ -68,7 +68,7 @@ def test_a_lognormal_motion_topples_a_lognormal_fragility_as_the_integral_does(m
 
 
 @pytest.mark.parametrize("events", [1, 5])
-def test_the_largest_magnitude_is_where_the_closed_form_says(events):
+def test_the_largest_magnitude_agrees_with_the_closed_form(events):
     confidence = 0.95
     table = largest_magnitudes(GRID, ROCK, [], event_count(confidence, events))
     chance = 1 - (1 - confidence) ** (1 / events)
@@ -91,14 +91,14 @@ def test_the_least_distance_is_the_inverse_of_the_largest_magnitude():
     assert back[inside].tolist() == pytest.approx(within["magnitude"][inside].tolist(), abs=1e-6)
 
 
-def test_a_source_that_recurs_is_survived_as_its_poisson_count_says():
+def test_survival_of_a_recurring_source_follows_its_poisson_count():
     years, probability = np.linspace(10_000, 20_000, 401), np.array([0.0, 0.03, 0.4, 1.0])
     exact = np.exp(-probability[:, None] * years / 2000.0).mean(axis=1)
     assert recurring(0.95, years, 2000.0).survival(probability) == pytest.approx(exact, rel=1e-4)
 
 
 @pytest.mark.parametrize("events", [1, 10])
-def test_earthquakes_at_one_site_topple_as_drawn_ones_that_share_its_term(events):
+def test_earthquakes_at_a_site_topple_as_drawn_earthquakes_with_its_site_term(events):
     random, site_term = np.random.default_rng(0), 0.4
     grid = motion_grid([Simple(0.3, site_term), Simple(-0.3, site_term)], [0.7, 0.3])
     at = grid.magnitude.searchsorted(6.5), grid.distance_km.searchsorted(10.0)
@@ -141,7 +141,7 @@ def test_other_records_widen_the_magnitude_to_both_sides():
 
 
 @pytest.mark.parametrize("weights", [[0.5, 0.4], [1.2, -0.2], [1.0]])
-def test_weights_of_models_that_do_not_sum_to_one_are_refused(weights):
+def test_weights_of_models_that_do_not_sum_to_unity_are_refused(weights):
     with refused("model.weights_unusable", "2"):
         motion_grid([Simple(), Simple()], weights)
 
@@ -196,7 +196,7 @@ def test_a_trace_is_as_far_as_its_nearest_point_not_its_nearest_corner(faults):
 
 @settings(max_examples=40)
 @given(st.floats(-180, 180), st.floats(-80, 80), st.floats(-3, 3), st.floats(-3, 3))
-def test_the_map_keeps_distances_from_the_rock(longitude, latitude, east, north):
+def test_the_map_preserves_distances_from_the_rock(longitude, latitude, east, north):
     point = np.array([[longitude + east, latitude + north]])
     mapped = np.hypot(*azimuthal_km(point, (longitude, latitude))[0])
     assert mapped == pytest.approx(float(distance_km(*point[0], (longitude, latitude))), abs=1e-4)

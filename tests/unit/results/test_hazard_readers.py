@@ -133,7 +133,7 @@ UNSTATED = {
 
 
 @pytest.mark.parametrize(("text", "code", "hints"), UNSTATED.values(), ids=UNSTATED)
-def test_what_a_file_does_not_say_is_asked_for(text, code, hints, tmp_path):
+def test_what_a_file_lacks_is_asked_for(text, code, hints, tmp_path):
     # By its name alone a file may tell its measure.
     path = written(tmp_path, text, "hazard_curve-mean-PGA_6.csv" if "years" in hints else "curve.csv")
     if code:
@@ -183,7 +183,7 @@ def test_openquakes_files_give_the_probabilities_that_they_print(
         read_curve(path)
 
 
-def test_certain_and_impossible_exceedance_say_no_rate(tmp_path):
+def test_certain_and_impossible_exceedance_have_no_rate(tmp_path):
     rows = [("a", PLACES[0], (1.0, 0.5, 0.1, 0.0))]
     curve = read_curve(openquake_curves(tmp_path / "c.csv", "mean", "PGV", (10, 100, 300, 900), rows))
     assert curve.intensity == pytest.approx([1.0, 3.0])
@@ -216,7 +216,7 @@ def test_the_nearest_site_is_the_nearest_on_the_ground_and_not_in_degrees(tmp_pa
 
 
 @pytest.mark.parametrize("site", [(-118.1, 35.0), (-117.0, 34.2), (61.9, 34.2), (34.2, 61.9)])
-def test_a_site_out_of_reach_is_refused_by_its_place_and_distance_even_if_it_is_the_only_one(tmp_path, site):
+def test_a_site_out_of_reach_is_refused_by_its_place_and_distance_even_if_it_is_the_only_site(tmp_path, site):
     path = openquake(tmp_path / "hazard.csv", (-118.1, 34.2))
     away = f"{distance_km(-118.1, 34.2, site):.0f} km away"
     with refused("site.too_far", away):
@@ -299,7 +299,7 @@ def test_openshas_logic_tree_has_the_weights_and_levels_of_its_branches(tmp_path
 @pytest.mark.parametrize(
     ("site", "measure", "value"), [("USC", "sa_5s_m_s2", 0.004), ("s036", "sa_3s_m_s2", 0.006)]
 )
-def test_cybershakes_curves_say_site_and_period_in_their_names(tmp_path, site, measure, value):
+def test_cybershakes_curves_state_site_and_period_in_their_names(tmp_path, site, measure, value):
     for number, (name, period) in enumerate((n, p) for n in ("USC", "s036") for p in (3, 5)):
         path = tmp_path / f"{name}_ERF36_Run930{number}_SA_{period}sec_RotD50_2022_12_21.txt"
         of_curve = {("USC", 5): 0.004, ("s036", 3): 0.006}.get((name, period), 0.002)
@@ -359,7 +359,7 @@ def test_sampled_trees_may_repeat_a_path_hold_branches_without_an_event_and_be_n
     assert {branch.path for branch in tree.branches} == {"b11_b21~b1"}
 
 
-def test_files_with_weights_are_branches_of_one_site(tmp_path):
+def test_files_with_weights_are_branches_of_a_site(tmp_path):
     for name, site in (("a", (10.0, 45.0)), ("b", (10.0, 45.001)), ("c", (11.0, 45.0))):
         openquake(tmp_path / f"{name}.csv", site)
     (tree,) = read_hazard([tmp_path / "a.csv", tmp_path / "b.csv"], [0.7, 0.3])
@@ -370,7 +370,7 @@ def test_files_with_weights_are_branches_of_one_site(tmp_path):
         read_hazard([tmp_path / "a.csv", tmp_path / "b.csv"], [0.7, 0.4])
 
 
-def test_a_folder_skips_what_is_no_hazard_and_says_if_nothing_is(tmp_path):
+def test_a_folder_skips_other_files_and_is_refused_if_it_has_no_hazard(tmp_path):
     (tmp_path / "notes.txt").write_text("nothing\n")
     (tmp_path / "job.json").write_text(json.dumps({"a": 1}))
     (tmp_path / "shapes.csv").write_text('id,outline\n1,"' + "9 " * 100_000)
@@ -450,7 +450,7 @@ def test_levels_of_motion_are_no_magnitudes(tmp_path):
 
 
 @pytest.mark.parametrize("new", [False, True])
-def test_answers_of_the_web_service_are_one_tree_by_measure_with_its_parts(tmp_path, new):
+def test_answers_of_the_web_service_are_a_tree_per_measure_with_its_parts(tmp_path, new):
     path = written(tmp_path, json.dumps(service_answer(new, None)), "answer.json")
     trees = read_hazard(path, hints=Hints(years=0.0))
     assert [tree.measure for tree in trees] == ["pga_m_s2", "sa_0.2s_m_s2"]
@@ -458,7 +458,7 @@ def test_answers_of_the_web_service_are_one_tree_by_measure_with_its_parts(tmp_p
 
 
 @pytest.mark.parametrize("asked", [None, "pga_m_s2"])
-def test_a_file_without_a_measure_inside_is_over_the_one_that_it_is_named_after(tmp_path, asked):
+def test_a_file_without_a_measure_inside_is_over_the_measure_in_its_name(tmp_path, asked):
     path = tmp_path / "curves_pga.csv"
     path.write_text("Index,Latitude,Longitude,0.1,0.5\n0,34.1,-118.2,0.01,0.001\n")
     (tree,) = read_hazard(path, hints=Hints(measure=asked, years=0.0))

@@ -65,7 +65,7 @@ def test_two_power_laws_have_their_closed_form(surface):
 
 
 @pytest.mark.parametrize("measure", [PGA, PGV])
-def test_either_measure_alone_topples_as_its_own_curve_says(measure):
+def test_either_measure_alone_topples_as_its_own_curve(measure):
     from toppling.results.hazard.survival import toppling_rate as of_curve
 
     curves = dict(zip((PGA, PGV), of_earthquakes(*seismicity()), strict=True))
@@ -115,7 +115,7 @@ def test_the_true_joint_rate_lies_between_those_of_the_readings(surface, sigma, 
     assert max(found) > 0.97
 
 
-def test_two_curves_of_one_measure_and_a_scatter_that_is_none_are_refused():
+def test_two_curves_of_a_measure_and_an_invalid_scatter_are_refused():
     pga, pgv = of_earthquakes(*seismicity())
     with refused("hazard.measure_given_twice"):
         joint_rate(pga, pga, SCATTER)

@@ -63,7 +63,7 @@ def test_separated_answers_leave_the_curve_a_spread(jobs, seed):
     assert curve.beta > 1e-3 * np.ptp(log_x)
 
 
-def test_one_job_a_record_has_no_pairs_and_copies_of_it_add_nothing_to_what_records_tell():
+def test_a_single_job_per_record_has_no_pairs_and_copies_of_it_add_no_information():
     first = independent(200)
     alone = fit_curve(first)
     assert np.abs(alone.pairs).max() < 1e-12
@@ -151,13 +151,13 @@ def with_plateau(bench, seed):
 
 
 @pytest.mark.thorough
-def test_of_lognormal_campaigns_at_most_one_in_twenty_is_stated_to_be_none(bench):
+def test_at_most_one_lognormal_campaign_in_twenty_is_called_not_lognormal(bench):
     plays = [bench.play(*bench.synthetic(seed), Target(), 0.1, seed) for seed in range(60)]
     assert sum(play.verdict.departure is not None for play in plays) <= 3
 
 
 @pytest.mark.thorough
-def test_most_campaigns_that_are_no_lognormal_say_so_and_by_how_much(bench):
+def test_most_campaigns_that_are_not_lognormal_are_reported_with_their_deviation(bench):
     plays = [bench.play(*with_plateau(bench, seed), Target(), 0.1, seed) for seed in range(10)]
     result = [play for play in plays if play.verdict.departure is not None]
     # Nine in ten do of 60 campaigns.

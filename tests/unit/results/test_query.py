@@ -37,7 +37,7 @@ def run_folder(tmp_path):
     return folder
 
 
-def test_a_run_that_goes_on_shows_each_job_once(run_folder):
+def test_a_running_run_shows_every_job_once(run_folder):
     run = open_run(run_folder)
     assert run.sql("select count(*) n from results").to_pylist() == [{"n": 6}]
     write_part(run_folder, [row("new"), row("R000-0-1-1", attempt=2)])
@@ -187,7 +187,7 @@ def test_a_query_only_reads_the_tables_of_its_runs(run_folder, own, tmp_path, ki
         "count(*) > 1",
     ],
 )  # fmt: skip
-def test_a_condition_is_one_expression_that_reads_the_tables_of_its_run(run_folder, own, tmp_path, where):
+def test_a_condition_is_a_single_expression_over_the_tables_of_its_run(run_folder, own, tmp_path, where):
     written = tmp_path / "written"
     with pytest.raises(InputError):
         open_run(run_folder).frame(where.format(own=own, written=written))
@@ -253,7 +253,7 @@ def made(folder, **values):
     ("column", "other"),
     [("engine", "mujoco"), ("preset", "fast"), ("scene_id", "another"), ("physics_version", "16")],
 )
-def test_rows_of_runs_that_differ_never_share_a_cell_unasked(tmp_path, column, other):
+def test_rows_of_runs_that_differ_are_never_pooled_unasked(tmp_path, column, other):
     runs = [made(tmp_path / "a"), made(tmp_path / "b", **{column: other})]
     with refused("query.runs_differ", column, other):
         ask(runs, POOLED)

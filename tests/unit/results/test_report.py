@@ -104,7 +104,7 @@ def unfinished(tmp_path_factory):
     return folder / "run"
 
 
-def test_the_report_its_methods_and_its_figures_say_it_first(unfinished):
+def test_the_report_its_methods_and_its_figures_state_it_first(unfinished):
     content = Content(open_run(unfinished), samples=2)
     assert methods(content).startswith(f"The ensemble was not completed: {REMARK}.")
     first = first_screen(content, Document(content.completeness.remark))
@@ -112,7 +112,7 @@ def test_the_report_its_methods_and_its_figures_say_it_first(unfinished):
 
 
 @pytest.mark.thorough
-def test_fragility_says_it_first_and_its_curves_keep_it(unfinished, drawn_alone, tmp_path):
+def test_fragility_states_it_first_and_its_curves_record_it(unfinished, drawn_alone, tmp_path):
     drawn_alone("pga_pgv", "directions", "fits")
     asked = ["fragility", str(unfinished), "--fit", "--samples", "4", "--out", str(tmp_path)]
     text = CliRunner().invoke(cli, asked, catch_exceptions=False).stdout

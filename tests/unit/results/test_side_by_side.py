@@ -98,7 +98,7 @@ def placed(atlas, copy, **places):
     ((-117.4, 34.3), (-117.5, 34.2), None),
     ((-117.4, 34.3), None, None),
 ])  # fmt: skip
-def test_rocks_and_curves_of_one_hazard_stand_within_its_reach(atlas, tmp_path, weak, site, want):
+def test_rocks_and_curves_of_a_hazard_lie_within_its_reach(atlas, tmp_path, weak, site, want):
     run = placed(atlas, tmp_path / "run", firm=(-117.5, 34.25), weak=weak)
     curve = "PGA (g),annual_rate\n0.1,1e-2\n0.3,1e-3\n1.0,1e-5\n"
     if site:
@@ -116,7 +116,7 @@ def test_rocks_and_curves_of_one_hazard_stand_within_its_reach(atlas, tmp_path, 
     assert ("km apart, and are taken to have felt the same events" in bare) == (weak[0] > 0)
 
 
-def test_each_rocks_median_is_found_within_its_interval_and_a_silent_rock_has_none(compared):
+def test_every_rocks_median_is_found_within_its_interval_and_a_rock_without_toppling_has_none(compared):
     rocks = {rock.name: rock for rock in compared[0]}
     for name, median in MEDIANS.items():
         row = rocks[name].row
@@ -130,13 +130,13 @@ def test_each_rocks_median_is_found_within_its_interval_and_a_silent_rock_has_no
     assert rocks["silent"].row["remark"]
 
 
-def test_records_are_shared_by_content_and_levels_by_value(compared):
+def test_common_records_are_found_by_content_and_common_levels_by_value(compared):
     shared = compared[1]
     assert shared.records == tuple(f"P{n}" for n in range(10, 20))
     assert (shared.of_records, shared.levels_m_s2) == (30, (2.0, 3.0, 4.5, 7.0, 10.0))
 
 
-def test_a_fit_to_what_is_shared_rests_on_nothing_else(atlas):
+def test_a_fit_to_common_jobs_uses_no_other_jobs(atlas):
     rocks = [rock for rock in open_run(atlas).rocks if rock.rock != "silent"]
     found, shared = compare_rocks(rocks, "pga_m_s2", SAMPLES, only_shared=True)
     assert {rock.row["records"] for rock in found} == {len(shared.records)}
@@ -152,7 +152,7 @@ def test_a_place_is_that_of_the_table_or_of_the_scans_coordinate_system(compared
     assert json.dumps(out, allow_nan=False)
 
 
-def test_the_map_of_scenarios_holds_every_rock_also_one_far_from_the_others():
+def test_the_map_of_scenarios_holds_every_rock_however_far_from_the_others():
     places = [(-117.5 + 0.01 * number, 34.1) for number in range(6)] + [(-118.9, 34.9)]
     rows = pd.DataFrame(places, columns=["longitude", "latitude"]).assign(outcome="toppled")
     rows["rock"] = rows.index.astype(str)
@@ -179,7 +179,7 @@ def test_directions_of_toppling_are_lines_of_the_lengths_and_bearings_that_they_
         assert away_m <= ARROW_M * 1.01
 
 
-def test_one_rock_has_one_direction_of_fall_opposite_to_that_of_the_ground(compared):
+def test_a_rock_falls_opposite_to_the_direction_of_the_ground(compared):
     for row in (rock.row for rock in compared[0] if rock.weakest_azimuth_deg is not None):
         assert (row["falls_toward_deg"] - row["ground_accelerates_toward_deg"]) % 360.0 == 180.0
         for name in ("falls_toward", "ground_accelerates_toward"):
@@ -195,7 +195,7 @@ def test_statics_of_rocks_are_of_their_bases_where_these_are_drawn_and_join_whet
     assert drawn[["low_m_s2", "high_m_s2", "level"]].iloc[0].tolist() == [1.0, 4.0, 0.9]
 
 
-def test_magnitudes_of_many_rocks_are_refused_with_their_names_and_of_one_of_them_stated(atlas):
+def test_magnitudes_of_many_rocks_are_refused_with_their_names_and_of_a_single_rock_stated(atlas):
     options = ["--vs30", "760", "--model", "bssa14"]
     refused = CliRunner().invoke(cli, ["magnitudes", str(atlas), *options])
     assert refused.exception.code == "run.several_rocks"

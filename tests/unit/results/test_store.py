@@ -17,7 +17,7 @@ from toppling.results.schema import GROUPS, SCHEMA, describe
 from toppling.results.store import attempts_with, compact, finished_ids, result_files, write_part
 
 
-def test_every_column_has_a_unit_or_is_no_quantity_and_says_what_it_means():
+def test_every_column_has_a_meaning_and_a_unit_or_is_no_quantity():
     for field in SCHEMA:
         result = describe(field)
         assert result["group"] in GROUPS
@@ -26,7 +26,7 @@ def test_every_column_has_a_unit_or_is_no_quantity_and_says_what_it_means():
         assert bool(result["unit"]) == (quantity or pa.types.is_timestamp(field.type)), field.name
 
 
-def test_a_run_compacts_to_one_row_a_job_in_order(tmp_path):
+def test_a_run_compacts_to_a_row_per_job_in_order(tmp_path):
     write_part(tmp_path, [row("c", level_pga_m_s2=3.0), row("a", level_pga_m_s2=1.0)])
     write_part(tmp_path, [row("b", level_pga_m_s2=2.0)])
     target = compact(tmp_path)
@@ -123,7 +123,7 @@ def flip_on_the_disk(path):
 
 @pytest.mark.parametrize("read", [finished_ids, compact, lambda run: attempts_with(run, {"ok"})])
 @pytest.mark.parametrize("damage", [cut, flip_on_the_disk])
-def test_a_part_that_is_damaged_between_two_looks_is_left_out_as_one_damaged_before(
+def test_a_part_that_is_damaged_between_two_reads_is_omitted_as_if_damaged_before(
     tmp_path, monkeypatch, caplog, damage, read
 ):
     first, second = (write_part(tmp_path, [row(name)]) for name in "ab")

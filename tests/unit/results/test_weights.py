@@ -41,7 +41,7 @@ def on_bases(count=2, **how):
 
 
 @pytest.mark.parametrize("azimuths_deg", [(0.0, 90.0), None])
-def test_each_base_is_shaken_as_often_and_from_all_sides_where_a_motions_orientation_is_unknown(
+def test_every_base_is_shaken_equally_often_and_from_all_sides_where_orientations_are_unknown(
     azimuths_deg, tmp_path, monkeypatch
 ):
     feet = [
@@ -77,7 +77,7 @@ def test_each_base_is_shaken_as_often_and_from_all_sides_where_a_motions_orienta
     assert jobs.groupby("record_id")["base"].nunique().tolist() == [len(feet)] * 2
 
 
-def test_jobs_of_one_record_and_measure_on_unlike_bases_count_each_by_its_weight():
+def test_jobs_of_a_record_on_unlike_bases_count_by_their_weights():
     frame = on_bases(records=12, levels=range(1, 16, 2), azimuths=(0.0,))
     twins = pd.concat(
         [frame.assign(base=0), frame.assign(base=1, toppled=~frame["toppled"])], ignore_index=True
@@ -102,7 +102,7 @@ def test_weights_of_bases_and_of_records_are_multiplied_and_come_apart_again():
     assert "record_weight" not in unweighted_rows(weighted_rows(frame, weights_of(1.5, 0.5)))
 
 
-def test_one_contact_does_not_lend_another_its_weights():
+def test_weights_of_a_contact_do_not_apply_to_another():
     frame = pd.concat([on_bases(), on_bases(friction=0.5)], ignore_index=True)
     other = (0.5, 0.5, 0.0)
     both = Weights({CONTACT: np.array([1.5, 0.5]), other: np.array([0.5, 1.5])}, "the rock stood quake")
@@ -148,7 +148,7 @@ def weighted_run(tmp_path):
     return tmp_path / "run"
 
 
-def test_every_reader_of_shares_refuses_weights_that_are_missing(weighted_run):
+def test_every_reader_of_fractions_refuses_missing_weights(weighted_run):
     for verb in ("constrain", "fragility", "report"):
         error = CliRunner().invoke(cli, [verb, str(weighted_run)]).exception
         assert error.code == "run.weights_absent", verb

@@ -78,7 +78,7 @@ def test_what_needs_the_clouds_is_refused(rock, option):
     assert "new scan of the clouds" in done.output
 
 
-def test_what_was_kept_is_read_only_whole(rock, tmp_path):
+def test_a_cached_scene_is_read_only_whole(rock, tmp_path):
     shutil.copytree(rock, tmp_path, dirs_exist_ok=True)
     whole = (tmp_path / SCAN_DATA).read_bytes()
     rng = np.random.default_rng(1)
@@ -121,9 +121,7 @@ def test_a_file_of_another_scene_is_refused_by_name(rock, other, tmp_path, name)
 
 
 @pytest.mark.thorough
-def test_hints_of_another_scan_say_nothing_of_this_one_and_in_place_it_is_replaced_whole(
-    rock, later, tmp_path
-):
+def test_hints_of_another_scan_do_not_apply_and_a_scene_is_replaced_whole(rock, later, tmp_path):
     mixed = shutil.copytree(rock, tmp_path / "mixed")
     (mixed / HINTS).write_text('near = [1.0, 2.0]\nunits = "mm"\n')
     done = CliRunner().invoke(main, ["scan", "--again", str(mixed), "--pull", "40", f"{bearable(mixed)}"])
@@ -171,7 +169,7 @@ def asked(monkeypatch, *options):
     return found
 
 
-def test_everything_said_comes_back_from_its_file(monkeypatch, tmp_path):
+def test_all_hints_are_read_back_from_their_file(monkeypatch, tmp_path):
     points = ["a,0,0,0,1,2,3", "b,1,0,0,2,2,3", "c,0,1,0,1,3,3"]
     (tmp_path / "gcp.csv").write_text("\n".join(points))
     (tmp_path / "outline.csv").write_text("\n".join(",".join(map(str, row)) for row in SAID["outline"]))

@@ -98,7 +98,7 @@ def test_a_cloud_without_a_rock_that_stands_is_refused(tmp_path, stump, make, wh
     assert where in message.where
 
 
-def test_a_place_beside_which_nothing_stands_names_no_rock(stump):
+def test_a_place_without_a_nearby_rock_names_no_rock(stump):
     with refused("scan.nothing_near"):
         segment(np.concatenate(stump[0]), np.zeros(3), np.array([5.5, 4.5]))
 
@@ -127,14 +127,14 @@ def sides_of_a_strip(stump):
         (lambda stump: [stump[0][0] / 0.3048, stump[0][1], stump[0][2] / 0.3048], 1),
     ],
 )
-def test_of_several_files_the_one_in_another_unit_is_named(stump, make, named):
+def test_a_file_in_another_unit_among_several_is_named(stump, make, named):
     with refused("scan.station_in_other_units", "feet") as error:
         check_overlap(views(*make(stump)))
     assert error.value.where == f"station{named}"
 
 
 @pytest.mark.parametrize(("wide", "near_m"), [(2, 0.7), (1, 1.1)])
-def test_a_close_view_beside_wide_ones_is_no_other_unit(stump, wide, near_m):
+def test_a_close_view_among_wide_views_is_no_other_unit(stump, wide, near_m):
     middle = np.concatenate(stump[0])[np.concatenate(stump[1]) == 0].mean(axis=0)
     close = stump[0][wide]
     check_overlap(views(*stump[0][:wide], close[np.linalg.norm(close - middle, axis=1) < near_m]))

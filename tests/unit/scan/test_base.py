@@ -62,7 +62,7 @@ def test_scattered_strays_below_the_rock_change_nothing_away_from_them():
     np.testing.assert_array_equal((base.height_m == 0.0)[away], (without.height_m == 0.0)[away])
 
 
-def test_a_cliff_beside_the_base_takes_no_support_away():
+def test_a_cliff_near_the_base_removes_no_support():
     """The pedestal ends 5 mm beside a block's edge, less than a cell of its mesh: the block tips over its own edge."""
     rock = box(0.51, 0.4, 1.0).moved(np.eye(3), (0.0, 0.0, 1.0))
     points = level(2.0, 0.02)
@@ -86,7 +86,7 @@ def test_no_pedestal_lies_below_a_base_that_was_seen_to_hang_over_lower_land():
     assert np.abs(found.pedestal.vertices_m[:, :2]).max() < 0.3
 
 
-def test_strays_beside_the_rock_raise_no_spikes_on_the_pedestal():
+def test_strays_near_the_rock_raise_no_spikes_on_the_pedestal():
     rock = box(0.5, 0.4, 1.0).moved(np.eye(3), (0.0, 0.0, 1.0))
     strays = np.random.default_rng(2).uniform([-0.8, 0.5, 0.005], [0.8, 0.8, 0.2], (20, 3))
     points = np.vstack([level(2.0, 0.02), strays])
@@ -107,7 +107,7 @@ def test_a_bump_seen_below_a_wide_flat_face_does_not_reach_into_the_rock():
     assert contact_feet_m(rock, found.pedestal)[:, 2].min() > -1e-9
 
 
-def test_a_slab_that_overhangs_its_base_by_three_heights_keeps_its_ends():
+def test_a_slab_that_overhangs_its_base_by_three_heights_retains_its_ends():
     """A table on one leg: its points, as if all of it but the leg's base had been seen."""
     top, leg = trimesh.creation.box((7.0, 1.6, 0.4)), trimesh.creation.box((0.8, 0.8, 0.6))
     table = trimesh.boolean.union([top.apply_translation([0, 0, 0.8]), leg.apply_translation([0, 0, 0.3])])
@@ -124,7 +124,7 @@ def test_a_slab_that_overhangs_its_base_by_three_heights_keeps_its_ends():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("radius_per_height", [0.2, 0.4, 0.7, 3.0])
-def test_a_rim_seen_as_one_row_of_points_encloses_the_base_however_wide_it_is(radius_per_height):
+def test_a_rim_seen_as_a_single_row_of_points_encloses_the_base_however_wide_it_is(radius_per_height):
     height_m, spacing_m = 2.0, 0.018
     count = int(2.0 * np.pi * radius_per_height * height_m / spacing_m)
     turn = 2.0 * np.pi * np.arange(count) / count
@@ -139,7 +139,7 @@ NEAR, FAR = 0.0, -1e4
 
 
 @pytest.mark.parametrize(("rough", "rounded"), [(NEAR, FAR), (FAR, NEAR)])
-def test_no_rim_rules_a_rough_base_or_a_rounded_one_out(rough, rounded):
+def test_no_rim_excludes_a_rough_or_a_rounded_base(rough, rounded):
     """Their priors miss some bases: one is 1e4 units of likelihood away, and keeps a fifth of the weight."""
     likelihood = {"flat": FAR, "rough": rough, "rounded": rounded}
     gaps = [GapDraw(np.zeros(3), value, 0, kind, value) for kind, value in likelihood.items()]
@@ -149,12 +149,12 @@ def test_no_rim_rules_a_rough_base_or_a_rounded_one_out(rough, rounded):
     assert 0.2 < min(fractions["rough"], fractions["rounded"]) < 0.3
 
 
-def test_a_rim_that_tells_nothing_leaves_kinds_as_likely_as_before():
+def test_an_uninformative_rim_leaves_kinds_as_likely_as_before():
     gaps = [GapDraw(np.zeros(3), -7.0, 0, kind, -7.0) for kind in BEFORE]
     assert fractions_by_evidence(gaps) == pytest.approx(BEFORE)
 
 
-def test_a_rim_tells_shapes_of_one_kind_apart_as_little_as_kinds_and_standing_in_full():
+def test_a_rim_weighs_shapes_of_a_kind_as_little_as_kinds_and_standing_in_full():
     """Errors of neighbouring places of a rim are not independent: its likelihood counts to the power 0.15."""
     seen = [GapDraw(np.zeros(3), value, 0, "rounded", value) for value in (0.0, -10.0)]
     first, second = mixed_weights(seen, {"rounded": 1.0})
@@ -164,7 +164,7 @@ def test_a_rim_tells_shapes_of_one_kind_apart_as_little_as_kinds_and_standing_in
     assert second / first == pytest.approx(np.exp(-2.0))
 
 
-def test_one_draw_of_overwhelming_weight_does_not_silence_the_others_of_its_kind():
+def test_a_draw_of_overwhelming_weight_does_not_suppress_the_others_of_its_kind():
     gaps = [GapDraw(np.zeros(3), value, 0, "rough", 0.0) for value in (0.0, *np.linspace(-500.0, -100.0, 39))]
     assert effective_number(mixed_weights(gaps, {"rough": 1.0})) == pytest.approx(EFFECTIVE_SHARE * len(gaps))
 

@@ -190,7 +190,7 @@ SAME = [
 
 
 @pytest.mark.parametrize(("name", "write", "within_m", "stations"), SAME)
-def test_a_cloud_keeps_its_survey_coordinates_and_stations_however_it_is_written(
+def test_a_cloud_retains_its_coordinates_and_stations_however_it_is_written(
     tmp_path, name, write, within_m, stations
 ):
     write(tmp_path / name)
@@ -272,7 +272,7 @@ def test_steps_are_seen_in_whatever_format_and_through_a_pose_that_turns(tmp_pat
         assert read_clouds([path]).coarsest.step_m == pytest.approx(step, rel=1e-3), path.name
 
 
-def test_steps_are_fine_then_told_then_refused():
+def test_coarse_steps_are_accepted_then_warned_of_then_refused():
     assert step_note(0.001, 1.5) == ""
     assert "1/500 of the rock's height" in step_note(0.002, 1.0)
     # g r / z of a block .4 m wide and 1 m high: a half step less of r is 1 mm, of z .5 m
@@ -381,5 +381,5 @@ def test_a_file_that_is_no_cloud_in_metres_is_refused_by_name(tmp_path, code, na
     ("height_m", "volume_m3", "want"),
     [(14.05, 583.0, 0), (46.1, 20586.0, 1), (46.1, 583.0, 1), (20.0, 6000.0, 1)],
 )
-def test_sizes_that_no_known_rock_has_are_told(height_m, volume_m3, want):
+def test_sizes_that_no_known_rock_has_are_warned_of(height_m, volume_m3, want):
     assert bool(too_large(height_m, volume_m3)) == want

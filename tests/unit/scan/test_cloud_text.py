@@ -82,9 +82,7 @@ def test_a_header_that_names_no_place_in_metres_is_refused(tmp_path, header, exp
     ],
     ids=["easting as height", "northing first", "count", "from 1", "from 5001", "times"],
 )  # fmt: skip
-def test_columns_that_are_no_place_are_refused_until_the_header_says_what_they_are(
-    tmp_path, rows, expected, header
-):
+def test_columns_that_are_no_place_are_refused_unless_the_header_names_them(tmp_path, rows, expected, header):
     path = written(tmp_path / "cloud.xyz", "", rows, " ")
     with refused(expected) as error:
         read(path)

@@ -19,7 +19,7 @@ WRITERS = {"las": las, "ply": ply, "xyz": write_xyz}
 
 @pytest.mark.parametrize("suffix", WRITERS)
 @pytest.mark.parametrize("times", [2, 23])
-def test_points_told_many_times_are_read_once(tmp_path, suffix, times):
+def test_repeated_points_are_read_once(tmp_path, suffix, times):
     rng = np.random.default_rng(times)
     once = rng.uniform(0.0, 12.0, (1500, 3)).round(3)
     WRITERS[suffix](tmp_path / f"cloud.{suffix}", rng.permutation(np.repeat(once, times, axis=0)))
@@ -59,7 +59,7 @@ def test_tiles_that_overlap_give_the_rock_of_the_whole(seen, tmp_path):
 
 
 @pytest.mark.parametrize("different", [1, 5, 998])
-def test_a_cloud_of_few_points_told_many_times_is_refused(tmp_path, different):
+def test_a_cloud_of_few_points_repeated_many_times_is_refused(tmp_path, different):
     times = 20_000 // different
     once = np.random.default_rng(different).uniform(0.0, 2.0, (different, 3)).round(3)
     write_xyz(tmp_path / "cloud.xyz", np.vstack([np.repeat(once, times, axis=0), [[9.0, 9.0, 9.0]]]))

@@ -34,7 +34,7 @@ def judged(rock, pedestal, interface, *, given=False):
     return judge_crevice(points, label, interface, HEIGHT_M, 0.01 * HEIGHT_M, given=given)
 
 
-def test_a_foot_that_lies_on_the_pedestal_as_a_station_that_is_off_shows_it_is_refused():
+def test_a_rim_that_a_misregistered_station_shows_on_the_pedestal_is_refused():
     # Nothing of the rock is left above the sheet up to where its side begins, 0.3 m up: the crevice is no crevice.
     foot = sheet(0.0)[np.hypot(*sheet(0.0).T[:2]) < 0.4]
     with refused("interface.too_few_points", "0"):
@@ -47,7 +47,7 @@ def test_an_interface_given_through_the_rock_or_below_the_pedestal_is_refused(he
         judged(side(0.0, 2.0), sheet(0.0), level_at(height_m), given=True)
 
 
-def test_where_a_belly_hides_the_foot_or_the_pedestal_beside_it_nothing_is_judged():
+def test_a_crevice_hidden_below_an_overhang_is_not_judged():
     high, ground = side(0.4, 2.0), sheet(0.0)
     assert (judged(high, ground, level_at(0.0))[: len(high)] == ROCK).all()
     far = ground[np.hypot(*ground.T[:2]) > 0.9]
@@ -55,7 +55,7 @@ def test_where_a_belly_hides_the_foot_or_the_pedestal_beside_it_nothing_is_judge
     assert (judged(low, far, level_at(0.0)) == np.repeat([ROCK, PEDESTAL], [len(low), len(far)])).all()
 
 
-def test_what_the_cut_took_off_the_rocks_foot_is_given_back_to_it():
+def test_what_the_cut_took_off_the_rocks_lower_end_is_restored():
     # The sheet is rough by 1 mm: what hangs 1 cm over it, at the rock's outline, is no pedestal.
     cut_off = side(0.01, 0.06)
     label = judged(side(0.06, 2.0), np.concatenate([cut_off, sheet(0.0)]), level_at(0.0))

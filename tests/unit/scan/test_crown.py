@@ -85,6 +85,6 @@ def test_a_dent_that_nobody_saw_is_filled_up_to_the_hull_and_no_higher():
 
 
 @pytest.mark.slow
-def test_the_share_of_a_crown_that_was_not_seen_tells_a_flat_top_from_a_dome():
+def test_the_unseen_fraction_of_a_crown_distinguishes_a_flat_top_from_a_dome():
     assert closed("flat top")[2].crown_unseen_share > 0.9
     assert closed("dome")[2].crown_unseen_share < 0.2

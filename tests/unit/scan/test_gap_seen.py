@@ -46,7 +46,7 @@ def test_a_steep_side_is_seen_down_to_its_lowest_point_and_may_end_a_part_of_the
     assert np.all((observed.std_m > 0.1 * PITCH_M) & (observed.std_m < 0.5 * PITCH_M))
 
 
-def test_an_error_that_the_whole_rim_shares_does_not_follow_what_was_seen_at_its_places():
+def test_an_error_common_to_the_rim_does_not_follow_the_observations_at_its_places():
     """It would lift a rim whose low places are those with large errors, as where points lie sparse."""
     sparse = np.random.default_rng(3).random(3000) < np.linspace(0.15, 1.0, 3000)
     turn = np.linspace(0.0, 2.0 * np.pi, 3000)
@@ -81,7 +81,7 @@ def test_a_side_that_hangs_ends_where_the_pedestal_was_seen_more_than_a_gap_fart
     assert right.mean() > 0.95
 
 
-def test_a_clearance_is_taken_over_the_pedestals_surface_and_there_is_none_beside_it():
+def test_a_clearance_is_taken_over_the_pedestals_surface_and_there_is_none_outside_it():
     """A round rock that rolls where its pedestal falls away topples sooner than over the plane."""
     corners = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.2], [1.0, 1.0, 0.2], [-1.0, 1.0, 0.0]])
     falls = Pedestal(np.zeros(3), LEVEL.normal, corners * [1.0, 1.0, -1.0], np.array([[0, 1, 2], [0, 2, 3]]))

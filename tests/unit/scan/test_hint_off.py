@@ -57,7 +57,7 @@ def test_a_true_interface_and_none_are_not_doubted():
         (InterfaceHint.plane([0.0, 0.0, 0.1], DIP_DEG, TOWARD_DEG), -0.1, -0.1),
     ],
 )
-def test_how_far_a_wrong_one_lies_off_is_told_with_the_plane_that_was_seen(hint, low_m, high_m):
+def test_the_distance_of_a_wrong_hint_is_stated_with_the_observed_plane(hint, low_m, high_m):
     sentence = warned(hint).sentence
     lies = sentence.partition("beside it lies ")[2].split()
     assert (float(lies[0]), float(lies[2])) == pytest.approx((low_m, high_m), abs=0.003)
@@ -83,7 +83,7 @@ CLICKED_M = [0.06, -0.05, -0.04, 0.02]
 
 
 @pytest.mark.parametrize("share", [2.0, 1.0, 0.4])
-def test_places_clicked_off_a_plane_pedestal_give_way_to_it_by_much_or_little(share):
+def test_places_clicked_off_a_plane_pedestal_are_moved_onto_it(share):
     hint = pointed_at(share * np.array(CLICKED_M))
     assert hint.interface.normal @ NORMAL < np.cos(np.deg2rad(3.0 * share))
     seen = seen_about(hint)
@@ -95,7 +95,7 @@ def test_places_clicked_off_a_plane_pedestal_give_way_to_it_by_much_or_little(sh
     assert "dips by 4.0 degrees toward N30E" in text
 
 
-def test_true_places_near_each_other_tell_less_of_the_plane_below_the_foot_than_what_was_seen():
+def test_true_places_close_together_determine_the_interface_less_than_the_observations():
     hint = pointed_at(np.array([0.003, -0.003, -0.002, 0.001]), away=0.1)
     assert hint.interface.normal @ NORMAL < np.cos(np.deg2rad(2.0))
     assert seen_about(hint).interface.normal == pytest.approx(NORMAL, abs=1e-6)

@@ -65,7 +65,7 @@ def drawn_with(column, *pulls, **known):
 
 
 @pytest.mark.thorough
-def test_a_pull_that_no_drawn_base_bears_is_told_with_what_they_bear(column, few_candidates):
+def test_a_pull_that_no_drawn_base_bears_is_reported_with_what_they_bear(column, few_candidates):
     known = Inspection(pulls=((30.0, 2.0),))
     (result,) = pulls_beyond(drawn_with(column, *known.pulls), known)
     assert (result["azimuth_deg"], result["ratio"]) == (30.0, 2.0)
@@ -130,7 +130,7 @@ def test_a_contact_high_above_the_interface_is_refused_with_file_line_and_height
     check_inspection(column[0], LEVEL, contacts(0.0, 0.03))
 
 
-def test_a_contact_beside_the_base_is_refused_with_file_and_line(column):
+def test_a_contact_outside_the_base_is_refused_with_file_and_line(column):
     adjacent = Inspection(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), file="looked.csv", lines=(4, 7))
     with refused("base.place_off_base") as error:
         check_inspection(column[0], LEVEL, adjacent)
@@ -178,7 +178,7 @@ def test_a_flat_base_topples_over_its_edge(column, few_candidates):
     assert np.median(drawn.toppling_m_s2) == pytest.approx(edge, rel=0.5 * PITCH_M / RADIUS_M + 0.02)
 
 
-def test_a_rock_whose_weight_passes_beside_all_its_possible_contacts_is_refused(column, few_candidates):
+def test_a_rock_whose_weight_passes_outside_all_its_possible_contacts_is_refused(column, few_candidates):
     observed, rock, base = column
     with refused("base.contradicted"):
         drawn_with((observed, rock.moved(np.eye(3), np.array([1.3 * RADIUS_M, 0.0, 0.0])), base))
@@ -186,7 +186,7 @@ def test_a_rock_whose_weight_passes_beside_all_its_possible_contacts_is_refused(
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("kind", ["rough", "rounded"])
-def test_draws_are_of_the_kind_that_is_said(column, few_candidates, kind):
+def test_draws_are_of_the_stated_kind(column, few_candidates, kind):
     assert drawn_with(column, base=kind).kinds == {kind: unseen.DRAWS}
 
 
@@ -209,7 +209,7 @@ def test_a_rock_that_touches_nowhere_else_touches_at_these_places_alone(column, 
 
 
 @pytest.mark.thorough
-def test_a_touch_shown_in_front_of_the_crevice_is_one_at_the_edge(column, few_candidates):
+def test_a_touch_shown_in_front_of_the_crevice_is_at_the_edge(column, few_candidates):
     toward = np.deg2rad([20.0, 140.0, 260.0])
     shown = 1.15 * RADIUS_M * np.column_stack([np.cos(toward), np.sin(toward), np.zeros(3)])
     drawn = drawn_with(column, touching_m=shown)
@@ -235,7 +235,7 @@ def test_draws_that_are_alike_leave_the_errors_that_no_draw_shows():
     np.testing.assert_allclose(high - median, 1.645 * OTHER_ERRORS_SHARE * SMOOTH)
 
 
-def test_a_file_tells_places_that_touch_from_places_with_daylight(tmp_path):
+def test_a_file_distinguishes_places_that_touch_from_places_with_daylight(tmp_path):
     path = tmp_path / "looked.csv"
     path.write_text("x,y,z,kind\n331250.1,3777309.2,480.3,touch\n331251,3777310,480.2,daylight\n# end\n")
     found = inspection_of(path, [(135.0, 0.32)])

@@ -123,7 +123,7 @@ def test_a_word_about_another_place_is_refused(stump):
         survey(cloud, hint=InterfaceHint.plane((0.0, 0.0, 0.0), 5.0, 0.0))
 
 
-def test_stations_shifted_against_each_other_are_brought_back(stump):
+def test_stations_with_relative_shifts_are_realigned(stump):
     _, cloud, _ = stump
     shift = np.random.default_rng(8).normal(0.0, 0.008, (int(cloud.station.max()) + 1, 3))
     shift -= shift.mean(axis=0)

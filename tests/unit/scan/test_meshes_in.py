@@ -61,7 +61,7 @@ def test_a_mesh_is_read_in_every_format_unit_and_attitude(tmp_path, suffix):
     assert not cloud.station.any()
 
 
-def test_gltf_is_y_up_unless_one_says_otherwise(tmp_path):
+def test_gltf_is_y_up_unless_stated_otherwise(tmp_path):
     upright = exported(tmp_path / "a.glb", turn=Y_UP)
     np.testing.assert_allclose(bounds(read_clouds([upright])), METRES, atol=0.05)
     np.testing.assert_allclose(bounds(read_clouds([upright], None, placement_of(up="y"))), METRES, atol=0.05)
@@ -72,7 +72,7 @@ def test_gltf_is_y_up_unless_one_says_otherwise(tmp_path):
 
 
 @pytest.mark.parametrize(("scale", "turn"), [(1000.0, None), (0.01, None), (1000.0, Y_UP)])
-def test_a_size_that_no_rock_has_asks_for_a_unit_or_a_length_and_another_attitude_for_the_way_up(
+def test_a_size_that_no_rock_has_asks_for_a_unit_or_a_length_and_an_attitude_for_the_upward_axis(
     tmp_path, scale, turn
 ):
     with pytest.raises(InputError) as error:
@@ -89,7 +89,7 @@ def test_an_open_mesh_shows_which_axis_is_up(tmp_path, axis):
     np.testing.assert_allclose(bounds(read_clouds([path], None, placement_of(up=axis)))[1, 2], 1.6, atol=0.05)
 
 
-def test_a_tilted_mesh_is_told_with_the_direction_that_sets_it_upright(tmp_path):
+def test_a_tilted_mesh_is_reported_with_the_direction_that_sets_it_upright(tmp_path):
     turn = trimesh.transformations.rotation_matrix(np.deg2rad(60.0), [1.0, 1.0, 0.0])[:3, :3]
     path = exported(tmp_path / "site.ply", turn=turn)
     with refused("mesh.frame_unstated", "60") as error:
@@ -181,7 +181,7 @@ def test_a_mesh_that_cannot_be_read_as_it_is_meant_is_refused(tmp_path, read, co
         read(tmp_path / "model")
 
 
-def test_the_users_coordinate_system_wins_and_is_kept(tmp_path):
+def test_the_users_coordinate_system_wins_and_is_recorded(tmp_path):
     path = exported(tmp_path / "site.ply")
     (source,) = read_clouds([path], None, None, of_user("EPSG:2229")).sources  # US survey feet
     assert source.epsg == 2229

@@ -46,7 +46,7 @@ def separated(parted, direction):
 
 
 @pytest.mark.parametrize("direction", WAYS)
-def test_each_part_holds_its_points_in_whatever_way_it_is_named(parted, direction):
+def test_every_part_holds_its_points_however_it_is_named(parted, direction):
     cloud = separated(parted, direction)
     counts = np.bincount(cloud.label, minlength=3)
     assert tuple(counts[:2]) == tuple(np.bincount(parted[1])[:2])

@@ -26,7 +26,7 @@ def noisy(sigma_m, seed=0, points=7):
 
 
 @pytest.mark.parametrize("axis", AXES)
-def test_every_axis_is_carried_upward_by_a_rotation(axis):
+def test_every_axis_is_turned_upward_by_a_rotation(axis):
     turn = upward(axis)
     np.testing.assert_allclose(turn @ AXES[axis], [0.0, 0.0, 1.0], atol=1e-12)
     np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
@@ -72,7 +72,7 @@ def test_no_other_similarity_has_smaller_residuals():
 
 
 @pytest.mark.parametrize("points", [3, 4, 7])
-def test_the_stated_scatter_of_the_scale_is_the_true_one(tmp_path, points):
+def test_the_stated_scatter_of_the_scale_is_true(tmp_path, points):
     fits = [
         fit_control_points(written(tmp_path / "gcp.csv", noisy(0.01, seed, points), MODEL[:points]))
         for seed in range(200)
@@ -100,7 +100,7 @@ def test_scatter_alone_is_never_called_a_mistake(tmp_path, points):
         placement_of(gcp=written(tmp_path / "gcp.csv", noisy(0.02, seed, points), MODEL[:points]))
 
 
-def test_three_points_that_do_not_fit_are_refused_and_two_exchanged_columns_are_told(tmp_path):
+def test_three_points_that_do_not_fit_are_refused_and_two_exchanged_columns_are_named(tmp_path):
     surveyed = SURVEYED_M[:3].copy()
     surveyed[1] += 3.0
     with refused("placement.points_off"):
@@ -130,7 +130,7 @@ ON_A_LINE = np.outer(np.linspace(0.0, 1.0, 7), [3.0, 1.0, 2.0])
         ({"gcp": ""}, "placement.too_few_points"),
     ],
 )  # fmt: skip
-def test_what_says_no_place_is_refused(tmp_path, given, what):
+def test_text_without_a_place_is_refused(tmp_path, given, what):
     points, path = given.get("gcp"), tmp_path / "gcp.csv"
     if isinstance(points, str):
         path.write_text(points)
@@ -153,7 +153,7 @@ def geocentric_m(points_m, latitude_deg, longitude_deg, height_m):
 
 
 @pytest.mark.parametrize("place", [(34.1, -117.3, 900.0), (-45.0, 170.0, 0.0), (78.2, 15.6, -30.0)])
-def test_geocentric_axes_are_named_with_the_way_upward_that_places_them(tmp_path, place):
+def test_geocentric_axes_are_named_with_the_upward_direction_that_places_them(tmp_path, place):
     points = np.random.default_rng(45).uniform(-2.0, 2.0, (2000, 3))
     path = tmp_path / "geocentric.xyz"
     np.savetxt(path, geocentric_m(points, *place), fmt="%.4f")

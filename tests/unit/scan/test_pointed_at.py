@@ -47,7 +47,7 @@ def beside_a_bush():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("lower_m", [0.012, -0.012])
-def test_what_a_plane_names_is_one_joined_rock_wherever_the_ground_rises_over_it(beside_a_bush, lower_m):
+def test_a_plane_separates_a_connected_rock_wherever_the_ground_rises_over_it(beside_a_bush, lower_m):
     points, label, truth = beside_a_bush
     pedestal = truth.pedestal
     plane = InterfaceHint.plane(

@@ -130,7 +130,7 @@ def named(drawn):
     return pull, narrowing_pull({"next_observations": found, "toppling": table})[0]
 
 
-def test_where_the_draws_differ_by_one_contact_a_pull_toward_there_tells_them_apart():
+def test_a_pull_distinguishes_draws_that_differ_by_a_contact_in_its_direction():
     far = np.arange(40) % 2 == 0
     pull, words = named(drawn(far))
     assert pull["kind"] == PULL
@@ -153,7 +153,7 @@ def test_a_pull_is_held_against_what_draws_bore_before_it_though_they_agree_with
     assert (result["azimuth_deg"], result["low"], result["high"]) == (90.0, 0.1, 0.3)
 
 
-def test_outlines_hold_the_places_that_a_share_of_the_draws_contacts_enclose():
+def test_outlines_hold_the_places_that_a_fraction_of_the_draws_contacts_enclose():
     far = drawn(np.arange(40) % 4 > 0)  # three quarters reach to the east
     far.interval_m_s2 = lambda: interval_of(far.toppling_m_s2)
     far.lift_off_interval_m_s2 = lambda: None

@@ -24,7 +24,7 @@ def with_one_off(cloud, number, shift_m):
 
 
 @pytest.mark.parametrize("off_m", [[9.0, 2.0, 1.6], [-331_000.0, -3_777_000.0, -480.0]])
-def test_of_one_file_the_station_that_shows_another_place_is_named(cloud, off_m):
+def test_the_station_of_a_file_that_shows_another_place_is_named(cloud, off_m):
     """Such as a scan of an E57 whose pose is missing among others that have theirs."""
     single = with_one_off(cloud, 3, off_m)
     single = dataclasses.replace(single, files=(("all.e57", len(single.points_m)),))
@@ -34,7 +34,7 @@ def test_of_one_file_the_station_that_shows_another_place_is_named(cloud, off_m)
     check_overlap(dataclasses.replace(cloud, files=single.files))
 
 
-def test_stations_that_fit_are_told_one_by_one(cloud):
+def test_stations_that_fit_are_listed_separately(cloud):
     same, result = register(cloud)
     check_fit(same, result)
     assert len(result["of_stations"]) == 5
@@ -71,7 +71,7 @@ def two_of(cloud, turn_deg=0.0, noise_m=0.0):
 
 
 @pytest.mark.parametrize("turn_deg", [30.0, 90.0, 180.0])
-def test_two_stations_of_which_one_is_turned_about_the_rock_are_refused(cloud, turn_deg):
+def test_a_station_turned_about_the_rock_is_refused(cloud, turn_deg):
     with refused("scan.stations_disagree") as error:
         check_fit(*register(two_of(cloud, turn_deg)))
     assert error.value.where == "one and other"
@@ -83,7 +83,7 @@ def test_two_stations_that_fit_or_are_brought_back_are_taken(cloud, turn_deg, no
     check_fit(*register(two_of(cloud, turn_deg, noise_m)))
 
 
-def test_a_close_view_and_one_of_another_part_are_taken(cloud):
+def test_a_close_view_and_a_view_of_another_part_are_taken(cloud):
     """The third station saw the rock alone, the fourth a quarter of the ground alone."""
     near = np.linalg.norm(cloud.points_m - [0.0, 0.0, 1.0], axis=1) < 0.9
     corner = (cloud.points_m[:, :2] > 0.8).all(axis=1)

@@ -49,7 +49,7 @@ def test_the_stated_spread_covers_the_true_error(stump, surveyed):
     assert low_m3 < true.volume_m3 < high_m3
 
 
-def test_interface_slopes_as_the_true_one(stump, surveyed):
+def test_interface_slopes_as_the_true_interface(stump, surveyed):
     truth, found = stump[0], surveyed
     slope, downhill = slope_of_normal(truth.pedestal.normal)
     assert found.scene.pedestal.slope_deg == pytest.approx(slope, abs=0.3)
@@ -91,7 +91,7 @@ def test_a_saved_scene_is_read_back_with_its_labels_and_survey_origin(stump, sur
     assert Polygon(ring[:, :2]).contains_point((found.scene.rock.com_m + virtual.DEMO_ORIGIN_M)[:2])
 
 
-def test_the_picture_says_what_its_lines_are_and_draws_the_interval_that_is_stated(surveyed):
+def test_the_picture_names_its_lines_and_draws_the_stated_interval(surveyed):
     figure = scene_picture(surveyed.scene)
     texts = [text.get_text() for text in figure.legends[0].get_texts()]
     fractions = [100 * outline["probability"] for outline in surveyed.scene.report["interface"]["outlines"]]
@@ -118,7 +118,7 @@ def twins():
 
 
 @pytest.mark.slow
-def test_of_two_rocks_the_named_one_is_taken(twins):
+def test_the_named_rock_of_two_is_taken(twins):
     truth, cloud = twins
     found = survey(cloud, near_m=tuple(truth.rock.com_m[:2]))
     assert found.scene.rock.volume_m3 == pytest.approx(truth.rock.volume_m3, rel=0.03)
@@ -143,7 +143,7 @@ def spread(invented):
 
 
 @pytest.mark.parametrize("height", [0.1, 0.5, 1.3, 2.0])
-def test_a_cap_holds_the_share_of_the_ball_that_geometry_says(height):
+def test_a_cap_holds_its_geometric_fraction_of_the_ball(height):
     # Of a ball of radius 1, a cap of height h has the surface 2 pi h and the volume pi h^2 (3 - h) / 3.
     assert cap_share(height / 2.0) == pytest.approx(height**2 * (3.0 - height) / 4.0)
 
@@ -176,7 +176,7 @@ def one_sided():
 
 
 @pytest.mark.slow
-def test_the_spread_of_a_rock_seen_from_one_side_covers_its_error(one_sided):
+def test_the_spread_of_a_rock_seen_from_a_single_side_covers_its_error(one_sided):
     truth, found, unseen_share = one_sided
     rock, true, spread = found.rock, truth.rock, found.report["uncertainty"]
     surface = found.report["surface"]
@@ -190,7 +190,7 @@ def test_the_spread_of_a_rock_seen_from_one_side_covers_its_error(one_sided):
     ("invented", "crown_unseen", "expected"),
     [(0.41, 0.0, ("41%", "guesses")), (0.05, 0.93, ("93%", "crown")), (0.05, 0.0, ())],
 )
-def test_what_was_not_seen_of_a_rock_is_told(invented, crown_unseen, expected):
+def test_unseen_parts_of_a_rock_are_warned_of(invented, crown_unseen, expected):
     seen = {"seen_share": 0.85 - invented, "closed_share": 0.15, "invented_share": invented}
     report = {"surface": {**seen, "crown_unseen_share": crown_unseen}}
     text = invention_warning(dataclasses.replace(Scene.block(0.2, 0.3, 0.6), report=report))

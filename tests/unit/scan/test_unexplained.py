@@ -47,7 +47,7 @@ def kinds(rock, rest, **given):
     return {entry.kind: entry.sentence for entry in found}
 
 
-def test_what_touches_a_rock_above_its_foot_is_one_warning_with_its_direction():
+def test_a_lateral_contact_above_the_interface_is_warned_of_with_its_direction():
     neighbour = box((0.26, -0.3, 0.0), (0.8, 0.3, 0.6))
     found = kinds(BLOCK, together(ground(), neighbour))
     assert list(found) == ["contact"]
@@ -83,7 +83,7 @@ def test_a_rock_that_a_fillet_joins_to_its_pedestal_is_a_question_and_no_refusal
 
 
 @pytest.mark.parametrize(("sides", "blind_deg", "toward_deg"), [("e", 350.0, 180.0), ("ens", 170.0, 180.0)])
-def test_the_directions_from_which_nothing_was_seen_are_told(sides, blind_deg, toward_deg):
+def test_directions_without_a_view_are_warned_of(sides, blind_deg, toward_deg):
     result = unseen_range(seen_of(box((-0.25, -0.25, 0.0), (0.25, 0.25, 1.0), sides), ground()), LEVEL)
     assert result == pytest.approx((blind_deg, toward_deg), abs=12.0)
 
@@ -112,7 +112,7 @@ def test_a_rock_of_which_a_side_hangs_below_its_interface_is_refused():
 
 
 @pytest.mark.parametrize(("leaves", "expected"), [(40, 0), (200, 1)])
-def test_patches_off_the_closed_surface_are_left_out_and_many_are_told(leaves, expected):
+def test_patches_off_the_closed_surface_are_omitted_and_many_are_warned_of(leaves, expected):
     random = np.random.default_rng(5)
     bush = np.array([0.9, 0.0, 0.3]) + 0.05 * random.normal(size=(leaves, 3)), random.normal(size=(leaves, 3))
     found, warnings = left_over(CUBE, seen_of(together(BLOCK, bush), ground()))
@@ -121,7 +121,7 @@ def test_patches_off_the_closed_surface_are_left_out_and_many_are_told(leaves, e
 
 
 @pytest.mark.parametrize(("off_m", "expected"), [(0.001, False), (0.01, True)])
-def test_a_surface_that_was_seen_twice_lies_off_the_one_that_is_closed_about_it(off_m, expected):
+def test_a_doubled_surface_lies_off_the_closed_surface(off_m, expected):
     observed, points = seen_of(BLOCK, ground()), BLOCK[0] + off_m * BLOCK[1]
     closed = ClosedRock(CUBE, 1.0, 0.0, 0.0, 0.0)
     found = warnings_of(observed, LEVEL, closed, points, np.zeros(len(points)), np.zeros(3))
@@ -143,7 +143,7 @@ def test_strays_high_up_the_rock_do_not_turn_the_interface(strays):
     assert abs(found.point_m[2]) < 0.01
 
 
-def test_a_crown_that_was_taken_for_pedestal_carries_nothing():
+def test_a_crown_that_was_taken_for_pedestal_supports_nothing():
     """Patches seen apart from the others at the top lie nearer to the rock than all of the ground."""
     block = box((-0.25, -0.25, 0.3), (0.25, 0.25, 1.0))
     crown = wall((-0.25, -0.25, 1.01), (0.5, 0, 0), (0, 0.5, 0), (0, 0, 1))
@@ -172,14 +172,14 @@ def asked_of(points, *heights):
     assert sorted(offered.reshape(-1, 3).mean(axis=1)) == pytest.approx(heights, abs=0.08)
 
 
-def test_a_plate_whose_joint_with_its_stem_nobody_saw_may_be_the_rock_or_be_one_with_it():
+def test_a_plate_with_an_unseen_joint_may_be_the_rock_or_part_of_its_stem():
     points, normals = together(
         box((-0.15, -0.15, 0.0), (0.15, 0.15, 0.6)), box((-0.6, -0.5, 0.75), (0.6, 0.5, 1.0)), ground(0.16)
     )
     asked_of(points[~((normals[:, 2] > 0.5) & (points[:, 2] > 0.5) & (points[:, 2] < 0.7))], 0.0, 0.6)
 
 
-def test_a_joint_that_shows_as_an_opening_on_one_side_is_asked_about():
+def test_a_joint_open_on_a_single_side_is_asked_about():
     lower, upper = box((-0.4, -0.4, 0.0), (0.4, 0.4, 0.6)), box((-0.4, -0.4, 0.7), (0.4, 0.4, 1.5))
     inside = box((-0.4, -0.1, 0.6), (0.4, 0.4, 0.7))
     underside = wall((-0.4, -0.4, 0.7), (0.8, 0, 0), (0, 0.3, 0), (0, 0, -1))
@@ -211,7 +211,7 @@ def test_what_ends_where_the_survey_ends_was_not_seen_to_close(half_m, code):
             choose([thing], None, np.zeros(3), surfels)
 
 
-def test_a_belly_that_hides_its_own_foot_is_given_the_nearest_pedestal_that_was_seen():
+def test_a_belly_that_hides_its_own_base_stands_on_the_nearest_observed_pedestal():
     ball = column(lambda z: 0.1 + 0.9 * np.sqrt(np.maximum(0.25 - (z - 0.5) ** 2, 0.0)))
     high = ball[0][:, 2] > 0.15
     seen = seen_of((ball[0][high], ball[1][high]), ground(0.4))
@@ -229,7 +229,7 @@ def stack(half_m):
 
 
 @pytest.mark.parametrize(("half_m", "height_m"), [(0.6, 1.2), (0.25, 1.7)])
-def test_of_a_stack_the_upper_thing_is_meant_that_a_level_plane_carries(half_m, height_m):
+def test_the_upper_rock_of_a_stack_is_meant_where_a_level_plane_supports_it(half_m, height_m):
     surfels = stack(half_m)
     assert find_candidates(surfels.points_m, surfels)[0].height_m == pytest.approx(height_m, abs=0.1)
 
@@ -259,7 +259,7 @@ def test_the_places_of_a_crease_that_are_offered_lie_on_the_plane_through_all_of
     assert np.abs(np.array(heights, float)).max() < 0.02
 
 
-def test_what_touches_a_rock_beside_it_is_another_thing():
+def test_a_neighbour_that_touches_a_rock_is_a_separate_thing():
     low, high = np.array([0.25, 0.15, 0.0]), np.array([0.85, 0.75, 0.9])
     points = together(box((-0.25, -0.25, 0.0), (0.25, 0.25, 1.2)), ground(), box(low, high))[0]
     points = points[~inside_box(points, low - [0.01, 0.0, 0.0], high - 0.001)]
@@ -317,7 +317,7 @@ def of_a_scene(points, noise_m=0.0):
     return np.concatenate([ground, ball]) + random.normal(0.0, noise_m, (4 * quarter, 3))
 
 
-def test_a_refusal_says_also_that_a_cloud_is_noisy_or_one_plane_and_of_others_nothing_else():
+def test_a_refusal_also_states_that_a_cloud_is_noisy_or_plane_and_nothing_else():
     plane = np.random.default_rng(3).uniform(-4.0, 4.0, (40_000, 3)) * [1.0, 1.0, 0.001]
     plane[:, 2] += 0.4 * plane[:, 1]
     for points, expected in ((of_a_scene(150_000, 0.05), "noisy"), (plane, "22 degrees")):

@@ -66,7 +66,7 @@ ONE_DIRECTION = np.tile([[1.0, 0.02, 0.0], [1.001, 0.02, 0.0], [1.0, 0.021, 0.0]
     ],
     ids=["around", "with gaps", "in few places", "in one direction"],
 )
-def test_no_rim_goes_on_where_it_was_seen_around_or_in_one_direction_alone(low):
+def test_no_rim_is_extended_where_it_was_seen_around_or_in_a_single_direction(low):
     assert UnseenSide.of(low) is None
 
 
@@ -78,7 +78,7 @@ def test_the_rim_of_a_round_base_goes_on_as_a_circle(unseen_deg):
 
 @pytest.mark.parametrize("axes", [{"depth_m": 0.5}, {"depth_m": 0.4}, {"depth_m": 0.25}, {"width_m": 0.5}])
 @pytest.mark.parametrize("unseen_deg", [120.0, 150.0])
-def test_drawn_rims_lie_on_both_sides_of_the_true_one(axes, unseen_deg):
+def test_drawn_rims_lie_on_both_sides_of_the_true_rim(axes, unseen_deg):
     found = UnseenSide.of(side(unseen_deg, **axes))
     true = outline(in_range_deg(unseen_deg), **axes)
     share = np.array([found.share_out(true, number) for number in range(DRAWN)])
@@ -198,13 +198,13 @@ def share_of_true(found, radius, number=None):
     ("radius", "hidden_to_m"),
     [*((shape, to_m) for shape in SHAPES for to_m in (0.3, 1.0)), (rounded, 1.4), (upright, 1.4)],
 )
-def test_the_foot_lies_below_the_side_that_was_seen_above_it(radius, hidden_to_m):
+def test_the_lower_end_lies_below_the_side_seen_above_it(radius, hidden_to_m):
     share = share_of_true(foot(radius, hidden_to_m)[0], radius)
     assert share == pytest.approx(np.ones(len(share)), abs=0.06)
 
 
 @pytest.mark.parametrize("radius", SHAPES)
-def test_drawn_feet_lie_on_both_sides_of_the_true_one(radius):
+def test_drawn_lower_ends_lie_on_both_sides_of_the_true_end(radius):
     found = foot(radius, 1.0)[0]
     middle = np.array([share_of_true(found, radius, number)[4:9].mean() for number in range(DRAWN)])
     assert middle.min() < 0.95
@@ -212,7 +212,7 @@ def test_drawn_feet_lie_on_both_sides_of_the_true_one(radius):
 
 
 @pytest.mark.parametrize("radius", SHAPES)
-def test_the_side_goes_down_to_its_foot_below_what_was_seen_of_it(radius):
+def test_the_side_extends_to_its_lower_end_below_what_was_seen(radius):
     found, points, normals = foot(radius, 1.0)
     places, _ = extended_side(found, points, normals, 2.0 * STEP_M)
     turn = np.arctan2(places[:, 1], places[:, 0])
@@ -230,5 +230,5 @@ LEVEL_PATCHES = np.random.default_rng(1).uniform(size=(50, 3)), np.tile([0.0, 0.
     [patches(rounded, 0.8 * HEIGHT_M), patches(upright, 0.0), LEVEL_PATCHES],
     ids=["a crown beyond a hidden side", "down to the foot", "no steep side"],
 )
-def test_what_tells_nothing_of_a_foot_leads_no_side_down(seen):
+def test_observations_far_from_a_lower_end_extend_no_side(seen):
     assert len(SidesSeen.of(*seen, np.zeros(2)).led_down(0.0)) == 0

@@ -85,7 +85,7 @@ def test_two_processes_compile_once_and_without_a_folder_the_bits_are_the_same(t
     assert sum("compiling" in value for _, value in together) == 1
 
 
-def test_a_bit_that_flips_in_compiled_code_is_told_and_its_function_compiled_anew(tmp_path, capsys):
+def test_a_flipped_bit_in_compiled_code_is_reported_and_its_function_recompiled(tmp_path, capsys):
     remaining = _VerifiedFile(str(tmp_path), "function", "stamp")
     remaining.save("key", ("machine code", 1.5))
     assert remaining.load("key") == ("machine code", 1.5)

@@ -151,7 +151,7 @@ def test_walls_that_close_on_a_rock_from_both_sides_have_no_answer():
     assert not solve(contacts, (0.8, 0.8), np.eye(3), np.zeros(6), solver_room(2))
 
 
-def test_of_many_contacts_that_touch_the_few_that_carry_are_found():
+def test_the_few_loaded_contacts_of_many_that_touch_are_found():
     """A square slab that lands flat on a row of points: any share of the weight will do, and none may close."""
     contacts = np.zeros(40, CONTACT)
     along = np.linspace(-0.4, 0.4, 20)

@@ -38,7 +38,7 @@ def test_every_corner_of_a_cylinders_rim_touches(sides):
     assert len(contact.points_body_m) == sides
 
 
-def test_a_rock_on_three_bumps_rests_on_three_feet():
+def test_a_rock_on_three_bumps_rests_on_three_contacts():
     rock = box(0.3, 0.3, 0.4).moved(np.eye(3), (0.0, 0.0, 0.41))
     bumps = [(0.2, 0.0), (-0.1, 0.17), (-0.1, -0.18)]
 

@@ -33,7 +33,7 @@ def test_an_engines_name_stands_in_its_own_folder_alone(name):
 
 
 @pytest.mark.parametrize("engine", engines.ENGINES.values(), ids=lambda value: value.name)
-def test_every_registered_engine_shakes_and_says_how_it_is_cited(engine):
+def test_every_registered_engine_shakes_and_states_its_citation(engine):
     if engine.version is None:
         pytest.skip(f"{engine.title} is not installed")
     result = shake(Scene.block(0.1, 0.1, 0.5), PUSH, "fast", engine=engine.name)
@@ -42,7 +42,7 @@ def test_every_registered_engine_shakes_and_says_how_it_is_cited(engine):
     assert list(engine.presets) == list(PRESETS)
 
 
-def test_an_engine_is_added_by_one_entry_and_its_module(monkeypatch):
+def test_an_engine_is_added_by_an_entry_and_its_module(monkeypatch):
     another = dataclasses.replace(engines.ENGINES[engines.DEFAULT], name="another", restitution=False)
     monkeypatch.setitem(engines.ENGINES, "another", another)
     scene = Scene.block(0.1, 0.1, 0.5)

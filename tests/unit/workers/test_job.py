@@ -72,7 +72,7 @@ def test_a_realisation_draws_the_same_again_in_a_worker_that_has_forgotten_it(en
     assert (again.rock.com_m == first.rock.com_m).all()
 
 
-def test_each_realisation_stands_on_its_own_drawn_base_and_the_first_on_the_scenes(ensemble):
+def test_every_realisation_stands_on_its_own_drawn_base_and_the_first_on_the_scenes(ensemble):
     corners = np.array([[-0.2, -0.2, 0.0], [0.2, -0.2, 0.0], [0.0, 0.2, 0.0]])
     draws = tuple(BaseDraw(corners * (share, share, 1.0), np.full(3, 0.01 * share)) for share in (1.0, 0.5))
     scene = replace(Scene.block(0.2, 0.2, 0.6), unseen=UnseenBase(0.1, draws))
@@ -121,7 +121,7 @@ def test_the_first_realisation_and_what_is_not_named_draw_nothing():
     assert Unmeasured(restitution=(0.0, 0.3)).contact(NOMINAL, 5).friction_static == 0.75
 
 
-def test_a_job_shakes_with_what_its_realisation_draws_and_its_id_tells(tmp_path):
+def test_a_job_shakes_with_the_draws_that_its_id_determines(tmp_path):
     along = np.outer(np.sin(np.arange(200) / 10.0), [2.0, 0.0, 0.0])
     record = Record.of("made", Motion(along, 0.01), component_azimuths_deg=(0.0, 90.0))
     assets = Assets(Scene.block(0.2, 0.2, 0.6), Ensemble.write(tmp_path / "one", [record]))
@@ -152,7 +152,7 @@ def test_a_job_adds_what_the_records_band_left_out_and_states_the_records_own_st
 
 
 @pytest.mark.parametrize("draws", [32, 48, 29])
-def test_friction_varies_as_much_on_one_base_as_on_all_of_them(draws):
+def test_friction_varies_as_much_on_a_base_as_on_all_bases(draws):
     feet_m = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
     bases = UnseenBase(0.1, (BaseDraw(feet_m),) * draws)
     realisations = range(1, 20 * draws + 1)

@@ -63,7 +63,7 @@ def test_skipping_rest_changes_no_bit_of_what_follows(preset, slope_deg):
     assert short.max_tilt_deg == whole.max_tilt_deg
 
 
-def test_a_rock_at_rest_that_its_feet_can_hold_does_not_creep():
+def test_a_rock_at_rest_that_its_contacts_can_hold_does_not_creep():
     rock = box(0.3, 0.3, 0.5)
     scene = Scene.from_mesh((rock.vertices_m, rock.faces), friction=0.8, slope_deg=8.0)
     weak = noise(5, 0.3, 20.0)
@@ -194,7 +194,7 @@ def test_a_slab_that_a_slope_overturns_from_where_it_leans_is_not_called_standin
 
 
 @pytest.mark.parametrize("push_m_s2", [2.3, 2.6])
-def test_a_rock_that_falls_from_facet_to_facet_is_not_called_standing_on_its_way(push_m_s2):
+def test_a_rock_that_falls_from_facet_to_facet_is_not_called_standing_meanwhile(push_m_s2):
     # Past its balance, and what it loses as it lands on a facet leaves it less energy than it had lying.
     scene = extruded(((0.12, 0.0), (0.75, 0.3), (0.9, 0.56), (0.9, 2.2)), 1.5, 1.0)
     push = Motion(np.outer([*np.full(50, -push_m_s2), 0.0], [1.0, 0.0, 0.0]), 0.005)
@@ -225,7 +225,7 @@ def test_a_slab_that_spins_flat_on_a_slope_has_turned_and_not_tilted(slope_deg):
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-def test_a_motion_within_the_static_cone_takes_no_step_and_one_just_beyond_it_lifts_the_rock(engine):
+def test_a_motion_within_the_static_cone_takes_no_step_and_a_motion_just_beyond_it_lifts_the_rock(engine):
     scene = Scene.block(0.2, 0.2, 0.6, friction=0.8)
     result = shake(scene, pulse(0.99 * G / 3), engine=engine)
     assert (result.steps, result.ended_by, result.outcome) == (0, "never_moved", "stands")
@@ -263,7 +263,7 @@ def on_a_table(half_sizes, half_table, **contact):
     return replace(block, pedestal=table)
 
 
-def test_a_rock_that_slides_over_the_end_of_its_pedestal_falls_and_one_that_stops_before_stands():
+def test_a_rock_that_slides_over_the_end_of_its_pedestal_falls_and_a_rock_that_stops_before_stands():
     scene = on_a_table((0.3, 0.3, 0.2), 0.35, friction=0.3)
     for peak_m_s2, outcome in ((5.0, "moved"), (9.0, "toppled")):
         push = Motion(np.outer([*np.full(60, peak_m_s2), 0.0], [1.0, 0.0, 0.0]), 0.005)

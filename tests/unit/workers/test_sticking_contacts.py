@@ -86,7 +86,7 @@ def test_friction_that_no_motion_depends_on_goes_where_it_would_let_a_contact_sl
 
 @pytest.mark.parametrize("more_places", [0, 12])
 @pytest.mark.parametrize("uneven", [1, 4])
-def test_a_load_that_lies_within_the_base_is_shared_without_pulls_or_slips(more_places, uneven):
+def test_a_load_within_the_base_is_distributed_without_tension_or_slip(more_places, uneven):
     random = np.random.default_rng(1)
     for _ in range(500):
         inner = np.column_stack([random.uniform(-0.2, 0.2, (more_places, 2)), np.full(more_places, -0.6)])

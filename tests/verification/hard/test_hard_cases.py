@@ -157,7 +157,7 @@ def test_a_leaning_start_with_its_corner_in_the_ground_falls_back(lean_deg, deep
     assert risen < SINK
 
 
-def test_a_start_inside_the_ground_keeps_its_velocity():
+def test_a_start_inside_the_ground_retains_its_velocity():
     scene, speed_m_s = Scene.block(0.5, 0.5, 0.1, friction=0.5), 1.0
     start = {"position_m": (0.0, 0.0, 0.1 - 0.01), "velocity_m_s": (speed_m_s, 0.0, 0.0)}
     result = shake(scene, case.STILL, shortcuts=False, initial=start)
@@ -322,7 +322,7 @@ def test_a_state_that_is_not_finite_or_too_fast_ends_as_diverged_never_as_topple
 
 
 @pytest.mark.slow
-def test_random_strong_shaking_keeps_its_steps_and_its_surface():
+def test_random_strong_shaking_respects_its_steps_and_its_surface():
     rng = np.random.default_rng(1)
     stretched, diverged, deepest = 0, 0, 0.0
     for seed in range(40):

@@ -101,7 +101,7 @@ def off_m(interface, places_m):
         (15, 15, truth_on), (0, 30, truth_on), (-30, -30, truth_on), (30, 30, on_four_feet), (0, -30, on_four_feet),
     ],
 )  # fmt: skip
-def test_facets_are_carried_within_a_degree_and_three_millimetres(left, right, truth_on):
+def test_facets_are_recovered_within_a_degree_and_three_millimetres(left, right, truth_on):
     height_at = ledges(left, right)
     stations = virtual.scan_around(truth_on(height_at), 1, stations=4, resolution_per_height=0.014)
     interface = surface(virtual.cloud_of(stations, virtual.DEMO_ORIGIN_M)[0].points_m)
@@ -115,7 +115,7 @@ def test_facets_are_carried_within_a_degree_and_three_millimetres(left, right, t
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("radius_m", [2.0, 3.0])  # of 3 m it stays within .01 of the height of a plane
-def test_dome_is_carried_within_a_centimetre(radius_m):
+def test_dome_is_recovered_within_a_centimetre(radius_m):
     height_at = dome(radius_m)
     interface = surface(cloud_on(height_at, resolution_per_height=0.012).points_m)
     assert interface.sheet.how == "curve"
@@ -123,7 +123,7 @@ def test_dome_is_carried_within_a_centimetre(radius_m):
 
 
 @pytest.mark.thorough
-def test_a_foot_that_came_off_at_its_top_is_the_rock_again_once_its_surface_is_known():
+def test_a_leg_that_was_cut_off_is_rejoined_once_its_surface_is_known():
     stations = virtual.scan_around(on_four_feet(ledges(30, 30)), 1, resolution_per_height=0.009)
     points = virtual.cloud_of(stations, virtual.DEMO_ORIGIN_M)[0].points_m
     parts = segment(points, virtual.DEMO_ORIGIN_M)
@@ -154,7 +154,7 @@ def test_facets_are_the_planes_through_all_of_their_noisy_patches(seed):
 
 
 @pytest.mark.thorough
-def test_facet_with_a_tenth_of_the_points_keeps_its_say():
+def test_facet_with_a_tenth_of_the_points_retains_its_weight():
     height_at = ledges(0, 15)
     points = cloud_on(height_at).points_m
     few = (points[:, 0] < 0.0) | (np.arange(len(points)) % 10 == 0)

@@ -71,7 +71,7 @@ def test_a_block_on_feet_is_as_heavy_as_without_what_lies_between_them(feet_of, 
 
 
 @pytest.mark.parametrize("below", [False, True])
-def test_one_sees_through_between_feet_alone(below):
+def test_lines_of_sight_pass_between_feet_only(below):
     around, _ = sides_of(HALF_M, 0.02, 0.07, pitch_m=0.006)
     on_feet = np.vstack([points[points[:, 2] < 0.07] for points, _ in feet(0.006)])
     assert hidden_base(NearInterface(around, ground(below), HEIGHT_M)).passage is None

@@ -70,7 +70,7 @@ def test_a_wall_is_reached_from_where_the_fallen_block_meets_it_up_to_its_crest(
     assert not reached[rock].any()
 
 
-def test_a_wall_farther_than_the_rock_reaches_is_not_kept():
+def test_a_wall_farther_than_the_rock_reaches_is_dropped():
     surfels, rock = patches(1.3)
     assert not in_reach(surfels, rock, ~rock, LEVEL, HEIGHT_M).any()
     assert not surroundings_met(surfels, rock, ~rock, LEVEL, HEIGHT_M).any()
@@ -125,7 +125,7 @@ def test_no_place_of_a_rough_ground_is_lost_where_its_triangles_are_joined():
         assert few[:, 2].max() == pytest.approx(0.05 * height_m, rel=0.1)
 
 
-def test_the_rocks_own_foot_is_nothing_that_stands_beside_it():
+def test_the_rocks_own_lower_end_is_no_neighbour():
     """Where no ground was seen beside a rock, its foot may have been taken for ground: it goes on without a bend."""
     surfels, rock = patches(0.4)
     foot = rock & (surfels.points_m[:, 2] < 0.3 * HEIGHT_M) & (surfels.points_m[:, 0] < -0.9 * HALF_WIDTH_M)
@@ -151,7 +151,7 @@ def beside_a_wall(gap_m):
 
 
 @pytest.mark.thorough
-def test_a_rock_that_wide_patches_join_with_the_wall_beside_it_is_parted_from_near_by():
+def test_a_rock_joined_to_a_nearby_wall_by_wide_patches_is_separated_by_finer_patches():
     truth, _ = beside_a_wall(0.25)
     stations = virtual.scan_around(truth, 1, resolution_per_height=0.015, clutter=False)
     points_m = np.vstack([station.points_m for station in stations])
@@ -162,7 +162,7 @@ def test_a_rock_that_wide_patches_join_with_the_wall_beside_it_is_parted_from_ne
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("gap_m", "outcome"), [(0.25, "stands"), (0.4, "lodged")])
-def test_a_scanned_rock_meets_the_wall_beside_it_as_the_true_one_does(gap_m, outcome, tmp_path):
+def test_a_scanned_rock_meets_a_nearby_wall_as_the_true_rock_does(gap_m, outcome, tmp_path):
     """A push topples it without the wall, which it meets at asin(gap / height of the wall) and more.
 
     It arrives slowly: after a hard blow the corner that meets the wall first, by a millimetre, decides what follows.

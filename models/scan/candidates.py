@@ -135,8 +135,7 @@ def find_candidates(points_m: Array, coarse: Surfels) -> list[Candidate]:
     ]
     part = joined_parts(seen, len(coarse.points_m))
     for above in (part == number for number in distinct(part[support[:, 0]])):
-        peak = int(np.argmax(np.where(above, coarse.points_m[:, 2], -np.inf)))
-        if cut := cut_between(coarse, edges, above, ~above, peak):
+        if cut := cut_between(coarse, edges, above, ~above, highest(above, coarse.points_m[:, 2])):
             closed.append(replace(cut, hidden=True))
     found: list[list[Candidate]] = []  # each thing's cuts, that which counts first
     for candidate in sorted(closed, key=lambda candidate: (candidate.hidden, candidate.cost)):
@@ -240,7 +239,7 @@ def _seen_near_by(points_m: Array, cuts: list[Candidate]) -> tuple[Candidate, li
             tall = [part for part in parts[1:] if np.ptp(z[part]) > _ZOOMED_SHARE * height]
             # The whole and, of several bodies, each that may be the rock: what creases join goes where it is cheaper.
             seeds = [own == 1.0, parts[0], *tall] if len(parts) > 1 else [own == 1.0]
-            peaks = [int(np.argmax(np.where(part, z, -np.inf))) for part in [parts[0], *seeds[1:]]]
+            peaks = [highest(part, z) for part in [parts[0], *seeds[1:]]]
             finer = [
                 cut_between(surfels, edges, part, far, top) for part, top in zip(seeds, peaks, strict=True)
             ]
@@ -498,14 +497,18 @@ def _on_plane(surfels: Surfels, edges: Indices, plane: Interface) -> list[Candid
         hidden = len(np.unique(sectors(offset[away < _BESIDE_VOXELS * voxel]))) < _SURROUNDED * SECTORS
         if hidden and 4 * len(np.unique(sectors(offset[below]))) < SECTORS:
             continue
-        peak = int(np.argmax(np.where(thing, height, -np.inf)))
+        peak = highest(thing, height)
         seeds, far = thing_and_rest(surfels, edges, thing, peak, height)
         candidate = cut_between(surfels, edges, seeds, far, peak, height) if far.any() else None
         if candidate is not None:
-            loop = candidate.loop_m
-            on_plane = loop - np.outer((loop - plane.point_m) @ plane.normal, plane.normal)
+            on_plane = plane.onto(candidate.loop_m)
             found.append(replace(candidate, hidden=True, loop_m=on_plane) if hidden else candidate)
     return found
+
+
+def highest(among: Flags, heights_m: Array) -> int:
+    """Number of the highest of some patches."""
+    return int(np.argmax(np.where(among, heights_m, -np.inf)))
 
 
 def thing_and_rest(

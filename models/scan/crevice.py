@@ -18,6 +18,7 @@ from toppling.models.arrays import Array, Flags, Indices, bounds_of, inside_box
 from toppling.models.errors import InputError
 from toppling.models.scan.interface import LEAST_SEEN, UPWARD, Interface, middle, sectors
 from toppling.models.scan.segment import PEDESTAL, ROCK
+from toppling.models.scan.surfels import Surfels
 
 _CELLS_PER_PATCH = 1.2
 _BAND_PER_HEIGHT = 0.08
@@ -260,19 +261,21 @@ def not_strays(points: Array, alone: float = 3.0) -> Flags:
     return distance < alone * np.median(distance)
 
 
-def seen_apart(flat_m: Array, normals: Array, rock: Flags, height_m: float) -> tuple[Array, Array]:
+def seen_apart(surfels: Surfels, rock: Flags, interface: Interface, height_m: float) -> tuple[Array, Array]:
     """Places (k, 3) at which rock and pedestal cannot touch, and those (m, 3) of the pedestal at which they may.
 
     Land far below the interface that faces up was seen through the air above it, and a rock's underside hangs free
     where the pedestal that shows nearest to it is such land. What of the pedestal overhangs may reach over the land.
 
-    flat_m, normals: (n, 3), patches as u, v and height over the interface, and their normals.
-    rock: (n,), which are the rock's.
+    rock: (n,), which patches are the rock's.
     height_m: of the rock.
+
+    Returns them as u, v and height over the interface.
     """
+    flat_m, upward = interface.over(surfels.points_m), surfels.normals @ interface.normal
     low = ~rock & (flat_m[:, 2] < -BELOW_PER_HEIGHT * height_m)
-    land, under = low & (normals[:, 2] > UPWARD), rock & (normals[:, 2] < -UPWARD)
-    may_touch = ~rock & ~(low & (normals[:, 2] >= 0.0))
+    land, under = low & (upward > UPWARD), rock & (upward < -UPWARD)
+    may_touch = ~rock & ~(low & (upward >= 0.0))
     if land.any() and may_touch.any():
         to_land, to_others = (cKDTree(flat_m[of, :2]).query(flat_m[:, :2])[0] for of in (land, may_touch))
         land |= under & (to_land < to_others)

@@ -90,9 +90,8 @@ def pedestal_ground(surfels: Surfels, pedestal: Flags, rock: Rock, interface: In
     near = cKDTree(flat[top, :2]).query(flat[top, :2], min(_MEDIAN_OF, int(top.sum())))[1]
     flat[top, 2] = np.median(flat[top, 2][near], axis=1)
     lower = _lower(flat, top, nodes, cell)
-    over, normals = interface.over(surfels.points_m), surfels.normals @ interface.axes
     standing = _inside(nodes, outline if interface.sheet is None else interface.sheet.ring_m)
-    standing &= ~cells_apart(grid, seen_apart(over, normals, ~pedestal, height))
+    standing &= ~cells_apart(grid, seen_apart(surfels, ~pedestal, interface, height))
     # Every cell that the outline crosses is there and lies in the plane, so that the whole base rests on it.
     lost = _lost(lower, ndimage.binary_dilation(standing, np.ones((3, 3))))
     seat = ndimage.binary_dilation(standing, np.ones((3, 3)), iterations=2)

@@ -178,6 +178,10 @@ class Interface:
         """Scene coordinates (n, 3) of points given by u, v, h."""
         return flat_m @ self.axes.T + self.point_m
 
+    def onto(self, points_m: Array) -> Array:
+        """The points (n, 3) of the plane nearest to some points."""
+        return points_m - np.outer((points_m - self.point_m) @ self.normal, self.normal)
+
     def projected_m(self, com_m: Array) -> Array:
         """Where the plumb lines through centres of mass (n, 3) meet the plane, (n, 2) u, v."""
         com = self.flat(com_m)

@@ -112,6 +112,20 @@ def step_note(step_m: float, height_m: float, where: str = "coordinates") -> str
     )
 
 
+def mesh_note(edge_m: float, patch_m: float) -> str:
+    """Effect of a mesh of rock and pedestal on the rock's statics; empty where its edges are short, or for points.
+
+    edge_m: median edge near the interface, 0 for points. patch_m: width of the patches in which the rock is seen.
+    """
+    if edge_m <= patch_m:
+        return ""
+    return (
+        f"rock and pedestal are one mesh, with edges of {edge_m:.2g} m where they meet: it closes crevices that are a "
+        "few of these wide, so that the rock may touch farther in, and topple sooner, than the intervals say; give the "
+        "points that the mesh was made from, or scan the crevice more finely"
+    )
+
+
 MINIMUM_POINTS = 1000
 """Fewer points than this cannot show a rock, its pedestal and the crevice between them."""
 _COARSEST_STEP_M = 0.01

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from toppling.models.arrays import Array, Indices, bounds_of
+from toppling.models.arrays import Array, Indices, bounds_of, inside_box
 from toppling.models.errors import InputError, refusals
 from toppling.models.files.guarded import read_guarded
 from toppling.models.files.mesh_files import MESH_FORMATS, read_header, read_vertices, remarks_of
@@ -104,6 +104,16 @@ class Cloud:
     def bounds_m(self) -> Array:
         """Lowest and highest survey coordinates, (2, 3)."""
         return bounds_of(self.points_m) + self.origin_m
+
+    def edge_m(self, low_m: Array, high_m: Array) -> float:
+        """Median edge of the triangles of meshes within a box of the local frame, m; 0 where there is none."""
+        edges_m = [np.zeros(0)]
+        for vertices, faces in filter(None, self.meshes):
+            corners = vertices[faces] - self.origin_m
+            corners = corners[inside_box(corners.mean(axis=1), low_m, high_m)]
+            edges_m.append(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).ravel())
+        every = np.concatenate(edges_m)
+        return float(np.median(every)) if len(every) else 0.0
 
     @property
     def coarsest(self) -> Source | None:

@@ -16,6 +16,7 @@ from toppling.models.scan.candidates import (
     Candidate,
     cut_between,
     find_candidates,
+    highest,
     joined_rock,
     minimum_cut,
     parted,
@@ -101,8 +102,7 @@ def _three_of(loop_m: Array) -> Array:
     plane = fitted_plane(loop_m)
     offset = loop_m[:, :2] - plane.point_m[:2]
     turn = np.arctan2(offset[:, 1], offset[:, 0])
-    on_plane = loop_m - np.outer((loop_m - plane.point_m) @ plane.normal, plane.normal)
-    return on_plane[
+    return plane.onto(loop_m)[
         [np.abs(np.angle(np.exp(1j * (turn - way)))).argmin() for way in np.deg2rad([0, 120, 240])]
     ]
 
@@ -305,7 +305,7 @@ def _standing_on(surfels: Surfels, hint: InterfaceHint, near_m: Array | None) ->
             "check its height and slope; azimuths are counted from east to north",
         )
     chosen = part == part[large][np.argmin(away[large])]
-    peak = int(np.argmax(np.where(chosen, height, -np.inf)))
+    peak = highest(chosen, height)
     seeds, far = thing_and_rest(surfels, edges, chosen, peak, height)
     if not far.any():
         raise _off(

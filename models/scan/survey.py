@@ -34,7 +34,7 @@ from toppling.models.scan.interface import UPWARD, Interface, Sheet, fit_interfa
 from toppling.models.scan.interface_hint import InterfaceHint, check_near, points_text, seen_about_points
 from toppling.models.scan.meshes import Mesh
 from toppling.models.scan.parts import as_labelled
-from toppling.models.scan.plausible import step_note
+from toppling.models.scan.plausible import mesh_note, step_note
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.register import Registered, registered
 from toppling.models.scan.scan_warnings import left_over, warnings_of
@@ -337,6 +337,8 @@ def work_out(
     notes = [f"{source.name}: {source.note}" for source in cloud.sources if source.note]
     if cloud.coarsest is not None:
         notes.append(step_note(cloud.coarsest.step_m, height_m, cloud.coarsest.name))
+    if cloud.label is None and len(observed.low_m):
+        notes.append(mesh_note(cloud.edge_m(*bounds_of(observed.low_m)), observed.surfels.voxel_m))
     doubted += warnings_of(observed, interface, closed, cloud.points_m, seen.label, cloud.origin_m)
     progress("meshing the pedestal")
     ground = pedestal_ground(observed.surfels, seen.pedestal, closed.rock, interface)
@@ -424,9 +426,7 @@ def _classified(
     if cloud.label is None:
         parts = without_ground(cloud.points_m, parts, interface, height)
         rock = parts.surfel_label == ROCK
-    if cloud.label is None:
-        over, normals = interface.over(surfels.points_m), surfels.normals @ interface.axes
-        apart = seen_apart(over, normals, rock, height)
+        apart = seen_apart(surfels, rock, interface, height)
         near_interface = cloud.points_m, parts.label, interface, height, surfels.voxel_m, apart
         label = judge_crevice(*near_interface, given=hint is not None)
         parts = replace(parts, label=label, surfel_label=label_surfels(surfels, cloud.points_m, label))

@@ -83,10 +83,9 @@ class ObservedRock:
         low, lit = interface.over(self.low_m), interface.over(self.lit_m)
         if not len(low):
             return NearInterface(low, lit, self.height_m)
-        over, normals = interface.over(self.surfels.points_m), self.surfels.normals @ interface.axes
-        apart = seen_apart(over, normals, self.patches, self.height_m)
-        patches = over[self.patches]
-        sides = SidesSeen.of(patches, normals[self.patches], middle(low))
+        apart = seen_apart(self.surfels, self.patches, interface, self.height_m)
+        patches = interface.over(self.surfels.points_m[self.patches])
+        sides = SidesSeen.of(patches, self.surfels.normals[self.patches] @ interface.axes, middle(low))
         return NearInterface(low, lit, self.height_m, sides.led_down(0.0), patches, apart)
 
 

@@ -10,6 +10,7 @@ from toppling.models.hidden_base.near_interface import NearInterface
 from toppling.models.hidden_base.observed import UNSEEN_STD_SHARE, clearances, hidden_part
 from toppling.models.pedestal import Pedestal
 from toppling.models.scan.crevice import seen_apart
+from toppling.models.scan.surfels import Surfels
 
 HEIGHT_M, RADIUS_M, PITCH_M, RIM_M = 2.0, 0.5, 0.01, 0.04
 
@@ -99,7 +100,12 @@ def test_a_rock_touches_nothing_where_land_was_seen_far_below_a_gap_in_its_under
     patches = np.vstack([slab, places[neck], land])
     normals = np.tile([0.0, 0.0, 1.0], (len(patches), 1))
     normals[: len(slab)] *= -1.0
-    apart = seen_apart(patches, normals, np.arange(len(patches)) < len(slab), HEIGHT_M)
+    apart = seen_apart(
+        Surfels(patches, normals, np.zeros(len(patches)), 0.02),
+        np.arange(len(patches)) < len(slab),
+        LEVEL,
+        HEIGHT_M,
+    )
     under, without = (
         Underside.of(NearInterface(slab, places[neck], HEIGHT_M, apart=found)) for found in (apart, None)
     )

@@ -131,6 +131,16 @@ def test_what_nobody_can_have_seen_is_left_out_and_nothing_else(tmp_path):
     assert (np.abs(points[:, 2] - 0.5) < 1e-6).any()  # and the table's underside
 
 
+def test_a_mesh_is_known_by_the_edges_that_it_has_at_a_place(tmp_path):
+    ground, block = pieces()
+    cloud = read_clouds(
+        [exported(tmp_path / "site.ply", trimesh.util.concatenate([ground, block.subdivide()]))]
+    )
+    around = np.array([[0.6, -1.0, 0.05], [1.4, 0.0, 1.65]]) - cloud.origin_m
+    assert cloud.edge_m(*around) == pytest.approx(np.median(block.subdivide().edges_unique_length), rel=0.05)
+    assert cloud.edge_m(around[0] + 5.0, around[1] + 5.0) == 0.0
+
+
 def turned_over(path):
     marks = np.array([[0.0, 0.0, 0.0], [3.0, 0.0, 0.0], [1.0, 2.0, 0.0]])
     np.savetxt(path.with_suffix(".csv"), np.hstack([marks, marks[:, [1, 0, 2]]]), delimiter=",")

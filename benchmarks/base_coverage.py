@@ -40,7 +40,7 @@ STRENGTHS = (1.2, 1.7, 2.4, 3.4, 4.8)
 MEASURE = "pgv_m_s"
 
 CLOSE, BAND, HIGH = 0.02, 0.15, 0.3
-"""Of the rock's height: clearance up to which crossing edges count, limits of the two tolerances of its feet."""
+"""In heights of the rock: clearance up to which crossing edges count, limits of the two tolerances of its feet."""
 FACES = 2000
 
 Known = tuple[str, list[Path], Any, Any, np.ndarray, np.ndarray]

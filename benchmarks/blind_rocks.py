@@ -123,7 +123,7 @@ BASES = ("flat", "three bumps", "concave", "rounded", "wedge")
 ROUGHNESS = (0.001, 0.004)
 """Standard deviation of a base's roughness over its width, drawn between these."""
 RELIEF = (0.01, 0.06)
-"""The same for what makes it other than flat."""
+"""Displacement that makes a surface other than flat."""
 LEAST_TOPPLING_M_S2 = 0.4
 """A rock that topples under less would hardly stand."""
 SHADOW_PER_HEIGHT = 0.05

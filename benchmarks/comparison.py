@@ -39,13 +39,13 @@ LEAST_TILT_DEG = 0.1
 log = logging.getLogger(__name__)
 
 _DISTURBED_SHARE = 1e-6
-"""Of its height, by which the rock's start is disturbed to measure the floor of chaos."""
+"""Fraction of the height by which the rock's start is disturbed to measure the floor of chaos."""
 
 _KEPT_AT_ONCE = 50
 """Answers written together."""
 
 _GROUPS = 20
-"""Of jobs, at most, each of which is left out in turn."""
+"""Maximum number of jobs that are left out in turn."""
 
 CONVERGED = "reference"
 """The preset that the others are compared with."""
@@ -55,7 +55,7 @@ _Row = dict[str, object]
 
 @dataclass(frozen=True)
 class Job:
-    """One shake of the comparison."""
+    """Shake of the comparison."""
 
     record_id: str
     pga_m_s2: float
@@ -64,7 +64,7 @@ class Job:
 
 @dataclass(frozen=True)
 class Setting:
-    """One way of shaking all jobs."""
+    """Settings with which all jobs are shaken."""
 
     settings: NumericalOptions
     engine: str = DEFAULT
@@ -167,7 +167,7 @@ def _disturbed_start(scene: Scene, toward_deg: float) -> State:
 
 
 def compare(results: Mapping[str, pd.DataFrame], converged: pd.DataFrame) -> pd.DataFrame:
-    """One row a setting, cheapest first: how far it moves what users ask for, and its cost.
+    """Rows by setting, cheapest first: how far it moves what users ask for, and its cost.
 
     That is the PGA at which half topple, the share that topples and the tilt of those that stand. Single answers that
     differ from the converged ones say little: near a threshold chaos decides them.

@@ -18,7 +18,7 @@ LEAST_TILT_DEG = 0.1
 """Tilts below count as this one: rocks that are hardly lifted would outweigh those that rock."""
 
 SAMPLES = 40
-"""Of records drawn anew, for a cell's own error."""
+"""Number of resamples of records, for a cell's own error."""
 
 JOB = ["record_id", "azimuth_deg", "level_pga_m_s2", "friction_static", "realisation"]
 

@@ -40,7 +40,7 @@ def thresholds(preset: Any) -> list[Any]:
 def many_feet(preset: Any) -> list[Any]:
     """Full sines that overturn prisms whose bases have 12 to 48 feet."""
     return [
-        case.many_feet_error(sides, leading, preset, span=0.05)
+        case.many_contacts_error(sides, leading, preset, span=0.05)
         for sides, leading in ((12, "edge"), (24, "edge"), (48, "edge"), (29, "vertex"))
     ]
 

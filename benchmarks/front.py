@@ -42,7 +42,7 @@ LEVELS = (-0.3, 1.6)
 """Logarithm of the jobs' PGA over the least static toppling acceleration of the rock, drawn uniformly."""
 
 STRONG_PART = (0.05, 0.75)
-"""Of a record's horizontal Arias intensity: its significant duration D5-75."""
+"""Fractions of a record's horizontal Arias intensity that bound its significant duration D5-75."""
 
 PRESETS = ("fast", "standard", "reference")
 """Whose errors against exact answers are told."""
@@ -118,7 +118,7 @@ def compared(
 
 
 def to_the_end(setting: Setting) -> Setting:
-    """The same, by which no shake ends because it has calmed down."""
+    """Options by which no shake ends because it has calmed down."""
     end = replace(setting.settings.termination, calmed_after=0.0)
     return replace(setting, settings=replace(setting.settings, termination=end))
 

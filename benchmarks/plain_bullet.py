@@ -18,10 +18,10 @@ STEPS_A_SECOND = (240, 1000, 4000)
 """The engine's own step, and what users choose who distrust it."""
 
 REST_SPEED_SHARE = 5e-4
-"""Of sqrt(g R): a rock slower than this after the motion has come to rest."""
+"""In sqrt(g R): a rock slower than this after the motion has come to rest."""
 
 LONGEST_AFTER = 60.0
-"""Of sqrt(R / g), after the motion: a rock that still moves is judged as it is."""
+"""In sqrt(R / g), after the motion: a rock that still moves is judged as it is."""
 
 FALLEN_TILT_DEG, TOPPLED_TILT_DEG = 75.0, 45.0
 """Tilt at which a rock is known to fall, and beyond which one at rest lies."""

@@ -24,7 +24,7 @@ from toppling.results.precision.probit import Answers, Curve, answers_of, fit_cu
 from toppling.results.reader import open_run
 
 PRECISIONS = {0.1: 1.0, 0.05: 0.3, 0.03: 0.3}
-"""Each with the share of the campaigns that it is tried on: finer ones take thousands of jobs."""
+"""Precisions with the fraction of the campaigns that they are tried on: finer ones take thousands of jobs."""
 PLAYS = 40
 LEVELS = np.arange(1.0, 20.0)
 MEDIAN_M_S = 1.0

@@ -77,7 +77,7 @@ ATLAS, ATLAS_WORKERS = (100, 1000, 5), (16, 64, 256, 512, 1000)
 """Rocks, records and levels."""
 
 TASK_S, HEARTBEAT_S, HEARTBEATS_A_SECOND = 1.8e-3, 0.8e-3, 0.17
-"""Of the scheduler, for a task and for a heartbeat; heartbeats of each of many workers."""
+"""Cost to the scheduler of a task and of a heartbeat; heartbeats of many workers."""
 
 READY_S = 0.32
 """To load a rock and let it settle."""
@@ -97,7 +97,7 @@ QUIET = {
 
 
 def pulse(period_s: float) -> Motion:
-    """One sine of acceleration along x, 2 m/s2."""
+    """Sine of acceleration along x, 2 m/s2."""
     time_s = np.arange(0.0, period_s, 0.01)
     return Motion(np.outer(2.0 * np.sin(2.0 * np.pi * time_s / period_s), [1.0, 0.0, 0.0]), 0.01)
 

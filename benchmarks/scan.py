@@ -109,7 +109,7 @@ TRIED = 60
 FIRST_COLUMN = {
     "accuracy": "shape", "blind": "rock", "family": "rock", "answers": "shape", "cost": "asked for",
 }  # fmt: skip
-"""Of the table of each command."""
+"""Columns of the table of every command."""
 
 
 def errors(found: Scene, true: Scene) -> dict[str, float]:
@@ -246,7 +246,7 @@ def all_known(names: list[str], folder: Path | None) -> Iterator[tuple[str, Know
 
 
 def family_row(seed: int) -> tuple[str, dict[str, float]]:
-    """One rock of the family from slender to squat: whether it was found, and its errors."""
+    """A rock of the family from slender to squat: whether it was found, and its errors."""
     drawn = member(seed)
     cloud, label = virtual.cloud_of(drawn.stations, virtual.DEMO_ORIGIN_M)
     begin = time.process_time()
@@ -273,7 +273,7 @@ def family_row(seed: int) -> tuple[str, dict[str, float]]:
 
 
 def on_plane(scene: Scene) -> Scene:
-    """The same rock on its bare interface plane."""
+    """A rock on its bare interface plane."""
     return replace(scene, pedestal=Pedestal(scene.pedestal.point_m, scene.pedestal.normal))
 
 

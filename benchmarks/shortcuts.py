@@ -48,7 +48,7 @@ PRESET = "fast"
 SHORT = Setting(PRESETS[PRESET])
 WHOLE = replace(SHORT, shortcuts=False)
 FLOOR_OF = 4
-"""One in so many jobs is shaken from a disturbed start."""
+"""Interval of jobs that are shaken from a disturbed start."""
 
 DISTURBED = [replace(WHOLE, disturbed_toward_deg=15.0 * k) for k in range(24)]
 

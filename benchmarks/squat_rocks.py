@@ -26,7 +26,7 @@ BESIDE_PER_HEIGHT = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Member:
-    """One rock of the family and its survey.
+    """A rock of the family and its survey.
 
     kind: of the pedestal.
     slenderness: height over base width.

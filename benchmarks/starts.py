@@ -95,7 +95,7 @@ def timed(words: list[str], folder: Path, **environment: str) -> tuple[float, fl
 
 
 def first_row(folder: Path) -> tuple[float, float]:
-    """The same of a run with two workers until its first row is stored; the run then goes on to its end."""
+    """Time of a run with two workers until its first row is stored; the run then continues to its end."""
     began = time.perf_counter()
     words = command("run", "campaign.toml", "--out", "run", "--workers", 2)
     with subprocess.Popen(words, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:

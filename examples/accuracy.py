@@ -29,7 +29,7 @@ def loaded(scene_folder: Path, ensemble_folder: Path) -> tuple[Scene, Ensemble]:
 
 
 def shaken(scene_folder: Path, ensemble_folder: Path, preset: str, job: tuple[str, float, float]) -> tuple:
-    """Whether one job topples (nan without an answer), and its cost in seconds of the processor."""
+    """Whether a job topples (nan without an answer), and its cost in seconds of the processor."""
     record_id, pga_m_s2, azimuth_deg = job
     scene, ensemble = loaded(scene_folder, ensemble_folder)
     motion = ensemble.motion(record_id, pga_m_s2=pga_m_s2, azimuth_deg=azimuth_deg)

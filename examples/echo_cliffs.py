@@ -15,23 +15,23 @@ import trimesh
 from toppling import Scene
 
 _HEIGHT_M, _LENGTH_M, _WIDTH_M = 13.55, 10.0, 8.0
-"""Of the rock: along the interface's normal (14 m plumb), toward the cliff, across (8 m: figure 1)."""
+"""Extents of the rock along the interface's normal (14 m plumb), toward the cliff, across (8 m: figure 1)."""
 
 _SLOPE_DEG, _DOWNHILL_AZIMUTH_DEG = 5.0, 135.0
-"""Of the interface plane. Toward the same azimuth the rock overhangs, and the cliff looks."""
+"""Azimuth of the interface plane's dip. Toward the same azimuth the rock overhangs, and the cliff looks."""
 
 _OVERHANG_M = 3.65
 """How far the rock reaches beyond the cliff's edge, along the interface: 4 m in plan."""
 
-_EDGE_SHARE = 0.404
-"""Of the base's radius, from its centre: a quarter of a disc's area lies beyond."""
+_EDGE_FRACTION = 0.404
+"""In radii of the base, from its centre: a quarter of a disc's area lies beyond."""
 
 _BASE_RADIUS_M, _LEAN_M = 2.46, 0.25
 """With which ground that accelerates toward 135 degrees topples the rock at 3.65 m/s2, as printed, and ground that
 accelerates toward 315 degrees at the least of those printed, 2 m/s2."""
 
-_NOSE_SHARE = 0.7
-"""Of the length, from where the rock is widest toward the cliff."""
+_NOSE_FRACTION = 0.7
+"""Fraction of the length from where the rock is widest toward the cliff."""
 
 _PROFILE = (
     (0.32, 1.0, 0.0),
@@ -52,7 +52,7 @@ _Mesh = tuple[np.ndarray, np.ndarray]
 
 def echo_cliffs() -> Scene:
     """A convex rock that stands over the edge of a cliff, on the pedestal's own surface; friction 1."""
-    edge_m = _EDGE_SHARE * _BASE_RADIUS_M
+    edge_m = _EDGE_FRACTION * _BASE_RADIUS_M
     slope, azimuth = np.radians(_SLOPE_DEG), np.radians(_DOWNHILL_AZIMUTH_DEG)
     across = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
     down = np.array([np.cos(slope) * np.cos(azimuth), np.cos(slope) * np.sin(azimuth), -np.sin(slope)])
@@ -65,7 +65,7 @@ def _rock(edge_m: float) -> _Mesh:
     """Hull of horizontal rings: a round base, and above it ovals with a nose toward x, over the cliff."""
     angle = 2.0 * np.pi * np.arange(_SIDES) / _SIDES
     across, along = np.sin(angle), np.cos(angle)
-    nose_m, back_m = _NOSE_SHARE * _LENGTH_M, (1.0 - _NOSE_SHARE) * _LENGTH_M
+    nose_m, back_m = _NOSE_FRACTION * _LENGTH_M, (1.0 - _NOSE_FRACTION) * _LENGTH_M
     widest_m = edge_m + _OVERHANG_M - nose_m
     rings = [np.column_stack([_BASE_RADIUS_M * along, _BASE_RADIUS_M * across, np.zeros(_SIDES)])]
     for height, size, lean in _PROFILE:

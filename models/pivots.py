@@ -19,7 +19,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from toppling.models.arrays import Array
 
-_APART_SHARE = 1e-4
+_APART_FRACTION = 1e-4
 """Distance between contacts up to which they are one place, as a fraction of the half diagonal R."""
 
 OPENS = 1e-4
@@ -29,7 +29,7 @@ its place is known to about a hundredth of this."""
 _MANY = 16
 """Contacts above which those are left out that lie between others."""
 
-_WAYS = np.array([[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1)], float)
+_DIRECTIONS = np.array([[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1)], float)
 
 _ROUNDING = 1e-12
 """Rate at which the centre of mass may go along a load or push by rounding, over R."""
@@ -77,7 +77,7 @@ def on_one_line(arms_m: Array, size_m: float) -> bool:
     if len(arms_m) < 3:
         return True
     widths = np.linalg.svd(arms_m - arms_m.mean(axis=0), compute_uv=False)
-    return bool(widths[1] <= _APART_SHARE * size_m)
+    return bool(widths[1] <= _APART_FRACTION * size_m)
 
 
 def balanced_on(arms_m: Array, normals: Array, size_m: float, load_m_s2: Array) -> Turn | None:
@@ -127,7 +127,7 @@ def _axes(arms_m: Array, normals: Array, size_m: float) -> tuple[Array, Array]:
     first, second = np.triu_indices(len(arms_m), 1)
     along = arms_m[second] - arms_m[first]
     length = np.linalg.norm(along, axis=1)
-    apart = length > _APART_SHARE * size_m
+    apart = length > _APART_FRACTION * size_m
     start, axis = arms_m[first[apart]], along[apart] / length[apart, None]
     return _that_open(np.vstack([start, start]), np.vstack([axis, -axis]), arms_m, normals, size_m)
 
@@ -137,7 +137,7 @@ def _outermost(places_m: Array) -> Array:
 
     Of many contacts these decide: about an axis between others, contacts on one of its sides would close.
     """
-    some = np.unique((places_m @ _WAYS.T).argmax(axis=0))
+    some = np.unique((places_m @ _DIRECTIONS.T).argmax(axis=0))
     try:
         return np.union1d(ConvexHull(places_m[:, :2]).vertices, some)
     except QhullError:  # all on a line in plan

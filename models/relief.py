@@ -23,7 +23,7 @@ from toppling.models.frames import plane_axes
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 
-_PIECE_SHARE = 0.01
+_PIECE_FRACTION = 0.01
 """Length of the pieces of edges in the search of neighbours, as a fraction of the rock's size in plan."""
 
 _HALVINGS = 10
@@ -117,7 +117,7 @@ def _edges_that_stand_out(vertices_m: Array, faces: NDArray[np.int64]) -> NDArra
 def _crossings(ground: Array, rock: Array) -> Iterator[Array]:
     """Yield feet (k, 3), in batches, where edges (n, 2, 3) of the ground pass below edges (m, 2, 3) of the rock."""
     low, high = rock[..., :2].min(axis=(0, 1)), rock[..., :2].max(axis=(0, 1))
-    longest = _PIECE_SHARE * float(np.linalg.norm(high - low))
+    longest = _PIECE_FRACTION * float(np.linalg.norm(high - low))
     owner, middle, reach = _pieces(ground, low - longest, high + longest, longest)
     rock_owner, rock_middle, rock_reach = _pieces(rock, low - longest, high + longest, longest)
     tree = cKDTree(rock_middle)

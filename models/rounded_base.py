@@ -15,7 +15,7 @@ from toppling.models.rock import Rock
 from toppling.models.smooth_mesh import MOST_FACES, Patches, SmoothMesh, patches_of, smooth_mesh_of
 from toppling.models.statics import quasi_static_toppling_m_s2
 
-_CHANGE_SHARE = 0.02
+_CHANGE_FRACTION = 0.02
 """Largest change of the least toppling acceleration, at any azimuth, that one refinement may make."""
 
 _CHECKED_FACES = 60_000
@@ -62,7 +62,7 @@ class RoundedBase:
     @property
     def is_coarse(self) -> bool:
         """Whether that is more than answers may be off by."""
-        return self.change > _CHANGE_SHARE
+        return self.change > _CHANGE_FRACTION
 
     @property
     def sentence(self) -> str:
@@ -98,7 +98,7 @@ def refined(rock: Rock) -> Rock:
         mesh = mesh.halved()
         finer = _rock_of(mesh)
         then = _over_facets_m_s2(finer)
-        if _change(now, then) < _CHANGE_SHARE or len(mesh.faces) > MOST_FACES:
+        if _change(now, then) < _CHANGE_FRACTION or len(mesh.faces) > MOST_FACES:
             break
         rock, now = finer, then
     return rock

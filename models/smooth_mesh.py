@@ -34,13 +34,13 @@ _FEWEST_PATCHES = 12
 _FEWEST_INNER_CORNERS = 3
 """A part with fewer corners away from its outline is an uneven base of facets, not a sampled curved surface."""
 
-_ONE_WAY_SHARE = 1e-3
+_ONE_WAY_FRACTION = 1e-3
 """Share of the spread of a part's normals across a great circle below which the part curves in one direction."""
 
 FALLEN_DEG = 75.0
 """Faces whose outward normal is so near to downward can touch before a rock has fallen."""
 
-_CONCAVE_SHARE = 0.05
+_CONCAVE_FRACTION = 0.05
 """Maximum share of concave angles between faces of a rounded part; with more, the part is rough."""
 
 
@@ -104,7 +104,7 @@ class SmoothMesh:
         back = np.bincount(part[sides[:, 0]], angle * above, part.max() + 1)
         below = np.bincount(part, normals[:, 2] < -np.cos(np.radians(TOPPLED_TILT_DEG))) > 0
         whole = (np.bincount(part) >= _FEWEST_PATCHES) & (self._inner_corners(part) >= _FEWEST_INNER_CORNERS)
-        return (whole & below & (back <= _CONCAVE_SHARE * turns))[part]
+        return (whole & below & (back <= _CONCAVE_FRACTION * turns))[part]
 
     def _inner_corners(self, part: Indices) -> Indices:
         """How many vertices lie inside each part: all faces around them are of it."""
@@ -127,7 +127,7 @@ class SmoothMesh:
         spread = np.zeros((part.max() + 1, 3, 3))
         np.add.at(spread, part, areas[:, None, None] * normals[:, :, None] * normals[:, None, :])
         least, middle, _ = np.linalg.eigvalsh(spread).T
-        return replace(self, rounded=self.rounded & (least > _ONE_WAY_SHARE * middle)[part])
+        return replace(self, rounded=self.rounded & (least > _ONE_WAY_FRACTION * middle)[part])
 
     @cached_property
     def normals(self) -> tuple[Array, Array]:
@@ -340,7 +340,7 @@ class Patches:
 
     @cached_property
     def parts(self) -> Indices:
-        """One patch (r,) of each rounded part."""
+        """A patch (r,) of every rounded part."""
         patch, edge = np.nonzero(self.neighbours >= 0)
         part = joined_parts(np.column_stack([patch, self.neighbours[patch, edge]]), len(self.corners))
         return np.unique(part, return_index=True)[1]

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from toppling.models.arrays import Array, Flags
 from toppling.models.files.digest import read_table
+from toppling.models.files.documents import shown
 from toppling.models.hidden_base.unseen_base import draw_of
 from toppling.models.motions.measures import CATALOG, MEASURES, SCALING_POWER
 from toppling.models.pedestal import ContactProperties
@@ -72,7 +73,7 @@ class Asked:
         wrong: dict[int, str] = {}
         for name, bad in self._problems(jobs, answer):
             for place in np.flatnonzero(bad):
-                wrong.setdefault(int(place), f"{name} is {_shown(answer[name][place].as_py())}")
+                wrong.setdefault(int(place), f"{name} is {shown(answer[name][place].as_py())}")
         right = np.array([place not in wrong for place in range(len(answer))])
         return (answer.filter(right) if wrong else answer), wrong
 
@@ -201,8 +202,3 @@ def _objects(values: list[Any]) -> NDArray[np.object_]:
     found = np.empty(len(values), object)
     found[:] = values
     return found
-
-
-def _shown(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 200 else f"{text[:200]} ..."

@@ -12,7 +12,7 @@ import click
 
 from toppling.models.errors import InputError, UsageError, nearest
 from toppling.models.files.folder import FULL, FullDiskError, local, room_left
-from toppling.models.files.stores import at_hand, carry_back, is_store
+from toppling.models.files.stores import at_hand, is_store, upload_changes
 from toppling.orchestrator.interrupt import as_program, signals_as_stop
 from toppling.orchestrator.terminal import plain_streams
 
@@ -32,7 +32,7 @@ class Verbs(click.Group):
         return super().resolve_command(ctx, args)
 
 
-class OneOf(click.Choice):
+class SuggestingChoice(click.Choice):
     """Choice that suggests corrections of misspelt values."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
@@ -144,7 +144,7 @@ def _call() -> None:
             try:
                 cli.main(prog_name="toppling", standalone_mode=False)
             finally:
-                carry_back()
+                upload_changes()
     except click.ClickException as error:
         error.show()
         sys.exit(error.exit_code)
@@ -198,7 +198,9 @@ def _at_hand(word: str) -> str:
     option, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)
     if is_store(value):
         location = at_hand(value)
-        click.echo(f"{value}: a copy is in {location}", err=True)
+        click.echo(
+            f"{value}: a copy is in {location.parent}", err=True
+        )  # other paths are printed as addresses
         return f"{option}{equals}{location}"
     if (kind := _ADDRESS.match(value)) and kind[1].lower() not in _OF_OTHERS:
         return f"{option}{equals}{local(value)}"  # also for output: a command may create folders before files

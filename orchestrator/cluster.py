@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import dask
-from distributed import Client, Status, performance_report
+from distributed import Client, Status
 from distributed.security import Security
 
 from toppling.models.errors import InputError, UsageError
@@ -95,18 +95,6 @@ def _local_session(most: int) -> Iterator[Client]:
             cluster = LocalWorkers(scratch, Security.temporary(), most)
         with cluster, Client(cluster) as client:
             yield client
-
-
-@contextlib.contextmanager
-def reported(cluster: contextlib.AbstractContextManager[Client], report: Path | None) -> Iterator[Client]:
-    """Use a cluster, and write Dask's performance report of that time to a file, if given."""
-    if report is None:
-        report_too: Any = contextlib.nullcontext()
-    else:
-        dask.config.set({"distributed.worker.profile.enabled": True})
-        report_too = performance_report(str(report))
-    with cluster as client, client.as_current(), report_too:
-        yield client
 
 
 class _ClosedIfNotStarted(Client):

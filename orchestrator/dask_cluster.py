@@ -209,7 +209,7 @@ class DaskCluster:
         self._warn_of_absence()
         if adaptive := _ADAPTIVE.get(self._cluster) if isinstance(self._cluster, SpecCluster) else None:
             adaptive.work_left_s, adaptive.at_hand = work_left_s, at_hand
-        if not self.gone():
+        if not self.ended_jobs():
             self._all_there = time.monotonic()
         elif time.monotonic() - self._all_there > _BATCH_SYSTEM_S:
             self.resubmit()
@@ -227,7 +227,7 @@ class DaskCluster:
                 remedy = "they may still compile; run.log has the reason of each death"
             log.warning("no worker has joined for %g s at %s: %s", _WARN_AFTER_S, address, remedy)
 
-    def gone(self) -> list[str]:
+    def ended_jobs(self) -> list[str]:
         """Batch jobs that have ended, with all their workers."""
         cluster: Any = self._cluster
         if not isinstance(cluster, SpecCluster) or not hasattr(cluster, "job_cls"):
@@ -262,7 +262,7 @@ class DaskCluster:
     def resubmit(self) -> None:
         """Replace batch jobs that have ended, which Dask does not; RunError after repeated failures."""
         cluster: Any = self._cluster
-        ended = self.gone()
+        ended = self.ended_jobs()
         wanted = len(cluster.worker_spec)
         if self._ended >= set(cluster.worker_spec):
             self._in_vain += 1

@@ -28,7 +28,7 @@ log = logging.getLogger(__name__)
 _BATCH_BUDGET_S = 2.0
 """Time budget of a task, s: a hundred times the cost of submitting it, yet little to lose with a worker."""
 
-_FIRST_SHARE = 0.1
+_FIRST_FRACTION = 0.1
 """Fraction of the budget for the first tasks, whose rows are stored immediately and give the cost of jobs."""
 
 _ATLAS_BUDGET_S = 6.0
@@ -131,7 +131,7 @@ class Execution:
     @property
     def _budget_s(self) -> float:
         full_s = budget_s(self.progress.workers, len(self.plan.scenes))
-        return full_s if self.progress.done else _FIRST_SHARE * full_s
+        return full_s if self.progress.done else _FIRST_FRACTION * full_s
 
     def _submit(self) -> None:
         workers = max(self.progress.workers, 1)
@@ -168,7 +168,7 @@ class Execution:
         if answer.kind == "rows":
             rows, wrong = self._asked.checked(np.array(batch.jobs), answer.value)
             if len(rows):
-                self._keep(rows, batch.attempt)
+                self._store_rows(rows, batch.attempt)
                 spent_s = pc.sum(rows["wall_s"]).as_py() or 0.0
                 self._room = room_for(len(rows), spent_s, self._budget_s)
             for place, problem in wrong.items():
@@ -218,7 +218,7 @@ class Execution:
         spec = self.plan.spec(job)
         details = {"job_id": spec.job_id, "record_id": spec.record_id, "status": status}
         log.warning("job %s of record %s: %s, %s", *details.values(), message, extra={"fields": details})
-        self._keep(table_of([lost_row(spec, status, message)]), batch.attempt)
+        self._store_rows(table_of([lost_row(spec, status, message)]), batch.attempt)
 
     def _look(self) -> None:
         """Update the number of threads."""
@@ -232,7 +232,7 @@ class Execution:
             log_event("workers changed", workers=workers, before=self.progress.workers)
         self.progress.workers = workers
 
-    def _keep(self, rows: pa.Table, attempt: int) -> None:
+    def _store_rows(self, rows: pa.Table, attempt: int) -> None:
         self.progress.count(rows)
         # The newest attempt of a job counts: attempts of repeated jobs continue from the last number.
         redo = self.work.redo

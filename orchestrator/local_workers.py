@@ -73,20 +73,20 @@ class _LocalWorker(ProcessInterface):
         )
         self._name, self._session, self._memory = name, session, memory
         self._process: WorkerProcess | None = None
-        self._keeper = threading.Thread(target=self._keep, name=f"worker {name}", daemon=True)
+        self._supervisor = threading.Thread(target=self._supervise, name=f"worker {name}", daemon=True)
         self._closing = False
 
     async def start(self) -> None:
         """Start the process, which joins its scheduler asynchronously."""
-        self._keeper.start()
+        self._supervisor.start()
         await super().start()
 
     async def close(self) -> None:
         """End the process."""
         self._closing = True
-        while self._keeper.is_alive():
+        while self._supervisor.is_alive():
             self.kill()
-            await asyncio.to_thread(self._keeper.join, LOOK_S)
+            await asyncio.to_thread(self._supervisor.join, LOOK_S)
         await super().close()
 
     def kill(self) -> None:
@@ -94,7 +94,7 @@ class _LocalWorker(ProcessInterface):
         if self._process:
             self._process.kill()
 
-    def _keep(self) -> None:
+    def _supervise(self) -> None:
         while not self._closing and not self._session.fatal:
             try:
                 joined, why = self._live()

@@ -117,7 +117,7 @@ def realisations_spread(records: int, levels: int, azimuths: int, count: int) ->
     """
     random = np.random.default_rng(_SEED)
     along = _along_diagonal(levels, azimuths)
-    shifts = [_shared_out(random, records, size)[:, None] for size in (levels, azimuths)]
+    shifts = [_permuted(random, records, size)[:, None] for size in (levels, azimuths)]
     level, azimuth = (
         (np.arange(size) + shift) % size for size, shift in zip(along.shape, shifts, strict=True)
     )
@@ -149,13 +149,13 @@ def _cells(
     starts = []
     for size, codes in ((levels, level), (azimuths, azimuth)):
         shuffled = random.permutation(size)[codes]
-        of_record = _shared_out(random, records, size)[turn]
+        of_record = _permuted(random, records, size)[turn]
         of_scene = random.integers(size, size=scenes)[scene]
         starts.append((shuffled - of_record - of_scene) % size)
     return along[starts[0], starts[1]]
 
 
-def _shared_out(random: np.random.Generator, count: int, size: int) -> NDArray[np.int64]:
+def _permuted(random: np.random.Generator, count: int, size: int) -> NDArray[np.int64]:
     """`count` numbers below `size`: successive random permutations."""
     turns = [random.permutation(size) for _ in range(math.ceil(count / size))]
     return np.concatenate(turns)[:count]
@@ -180,13 +180,13 @@ _BLOCK = 10_000
 _ID_LETTERS = 24
 """Number of letters of a job's id, as `JobSpec.job_id` cuts its hash."""
 
-_EQUAL_SHARE_S = 40.0
+_ADDED_S = 40.0
 """Duration added to a record's in the expected cost of a job, s: many shakes end before a long coda does."""
 
 
 def expected_s(motion_s: float, jobs: int) -> float:
     """Expected relative cost of jobs, from the sum of the durations of their records."""
-    return motion_s + _EQUAL_SHARE_S * jobs
+    return motion_s + _ADDED_S * jobs
 
 
 @dataclass(frozen=True, eq=False)

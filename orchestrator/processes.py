@@ -39,10 +39,10 @@ def without_working_folder() -> Iterator[None]:
         sys.path[:] = before
 
 
-_ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+_SINGLE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """Environment variables of the number of BLAS threads, which affects the order of sums and so the last bit."""
 
-_ENVIRONMENT = _ONE_THREAD | {
+_ENVIRONMENT = _SINGLE_THREAD | {
     "PYTHONSAFEPATH": "1",  # nothing is imported from the folder that it happens to be started in
     "DASK_LOGGING__DISTRIBUTED": "error",  # a worker's own faults are reported by the run
 }

@@ -72,7 +72,7 @@ def run(
                 set_jobs(folder, len(planned))
             progress = RunProgress(len(selection), len(finished - redo.keys()))
             begun = _Session(planned, folder, notes, selection, redo, progress)
-            begun.carry_out(cluster, watch, limits, finished)
+            begun.execute(cluster, watch, limits, finished)
         except BaseException as error:
             log_event("session ended", how=type(error).__name__, why=str(error))
             raise
@@ -91,7 +91,7 @@ class _Session:
     redo: Mapping[str, int]
     progress: RunProgress
 
-    def carry_out(
+    def execute(
         self,
         cluster: Client | AbstractContextManager[Client],
         watch: ProgressCallback,

@@ -17,8 +17,7 @@ from toppling.models.errors import InputError
 from toppling.models.files import digest
 from toppling.models.files.digest import write_table
 from toppling.models.files.documents import read_toml, shown
-from toppling.models.files.folder import instead, new_folder, rock_name
-from toppling.models.files.schemas import check_run_document
+from toppling.models.files.folder import new_folder, rock_name
 from toppling.models.files.stores import writer_of
 from toppling.orchestrator.journal import LOG_FILE
 from toppling.results import run_integrity
@@ -27,9 +26,6 @@ from toppling.results.weights import WEIGHTS_FILE
 
 if TYPE_CHECKING:
     from toppling.orchestrator.plan import Plan
-
-SCHEMA_VERSION = 1
-"""Version of the layout of `run.json`."""
 
 _ASKED = ("audit", "precision", "target")
 """Keys of a campaign that affect the number of jobs done but not the jobs: a run may be resumed with other values."""
@@ -100,7 +96,7 @@ def begin(run: Path, plan: "Plan", versions: dict[str, str]) -> None:
         if without_stand:
             write_part(staging, without_stand)
         described = {
-            "schema_version": SCHEMA_VERSION,
+            "schema_version": run_integrity.SCHEMA_VERSION,
             "plan_id": plan.id,
             "jobs": len(plan),
             "rock": rock_name(plan.campaign.scene),
@@ -118,7 +114,7 @@ def begin(run: Path, plan: "Plan", versions: dict[str, str]) -> None:
 
 def remarks(run: Path) -> list[tuple[str, dict[str, Any]]]:
     """Remarks on a run's rocks before its jobs: sentences with the entries that they are based on."""
-    content = describe(run)
+    content = run_integrity.run_document(run)
     found = [(f"{rock['rock']} is left out: {rock['why']}", rock) for rock in content.get("left_out") or ()]
     for scene in content.get("scenes") or [{"settling": content["settling"]}]:
         name = f"{scene['rock']}: " if "rock" in scene else ""
@@ -128,31 +124,6 @@ def remarks(run: Path) -> list[tuple[str, dict[str, Any]]]:
         if sentence := settles.pop("sentence", None):
             found.append((f"{name}{sentence}", settles))
     return found
-
-
-def describe(run: Path) -> dict[str, Any]:
-    """Read `run.json`; InputError if the folder is not a run, or the file is damaged."""
-    try:
-        content = digest.read_json(run / "run.json")
-    except OSError as error:
-        if not isinstance(error, FileNotFoundError | NotADirectoryError):
-            raise digest.unopened(run / "run.json", error) from None
-        raise _error(
-            "run.absent",
-            run,
-            f"is not a run's folder, there is no run.json{instead(run)}",
-            expected="a folder that 'toppling run' made",
-            remedy="give the folder named with --out, or another name for a new run",
-        ) from None
-    if content.get("schema_version") != SCHEMA_VERSION:
-        raise _error(
-            "document.schema_version",
-            run,
-            "run.json is of another layout",
-            expected=f"schema version {SCHEMA_VERSION}",
-            remedy="start a new run with another --out",
-        )
-    return check_run_document(content, run / "run.json")
 
 
 @contextlib.contextmanager
@@ -214,7 +185,7 @@ def note(run: Path, notes: dict[str, Any], *, new: bool = False) -> None:
     """Write a session's notes to `run.json`, with the current time unless they are new."""
     if not new:
         notes["ended_at"] = _now()
-    content = describe(run)
+    content = run_integrity.run_document(run)
     sessions = [ended(session) for session in content["sessions"]] if new else content["sessions"][:-1]
     content["sessions"] = [*sessions, notes]
     digest.write_json(run / "run.json", content)
@@ -222,7 +193,7 @@ def note(run: Path, notes: dict[str, Any], *, new: bool = False) -> None:
 
 def set_jobs(run: Path, jobs: int) -> None:
     """Write the planned number of jobs, if it has changed."""
-    content = describe(run)
+    content = run_integrity.run_document(run)
     if content["jobs"] != jobs:
         digest.write_json(run / "run.json", content | {"jobs": jobs})
 
@@ -280,7 +251,7 @@ def _sweep(run: Path) -> None:
 
 
 def _check(run: Path, plan: "Plan", versions: dict[str, str]) -> None:
-    content = describe(run)
+    content = run_integrity.run_document(run)
     from toppling.orchestrator.recorded import FOLDER
 
     folders = (FOLDER, run_integrity.SCENES)

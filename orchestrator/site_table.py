@@ -236,12 +236,12 @@ def ensemble_folder(site: Site, sites: Sequence[Site]) -> Path | None:
     """
     if site.seismograms is None:
         return site.ensemble
-    if (site.seismograms / CATALOG).is_file() and not _shared(site, sites):
+    if (site.seismograms / CATALOG).is_file() and not _is_common(site, sites):
         return site.seismograms
-    return _imported(site.seismograms, site.site if _shared(site, sites) else None)
+    return _imported(site.seismograms, site.site if _is_common(site, sites) else None)
 
 
-def _shared(site: Site, sites: Sequence[Site]) -> bool:
+def _is_common(site: Site, sites: Sequence[Site]) -> bool:
     return sum(other.seismograms == site.seismograms for other in sites) > 1
 
 

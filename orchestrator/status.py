@@ -12,10 +12,10 @@ from toppling.models.errors import InputError
 from toppling.models.files.documents import MOST_SHOWN
 from toppling.models.files.stores import writer_of
 from toppling.orchestrator.journal import last
-from toppling.orchestrator.run_folder import describe, ended, is_running
+from toppling.orchestrator.run_folder import ended, is_running
 from toppling.results.precision import STATEMENT_FILE
 from toppling.results.reader import Completeness, rows_stored
-from toppling.results.run_integrity import AUDIT_FOLDER
+from toppling.results.run_integrity import AUDIT_FOLDER, run_document
 from toppling.results.store import newest_rows, read_steady, result_files
 from toppling.results.weights import CONTACT, WEIGHTS_FILE, Weights, are_due, sentences
 
@@ -46,7 +46,7 @@ class LevelCount:
 
 def state_of(run: Path) -> dict[str, Any]:
     """Counts of a run's rows and failures, and its rate; InputError if the folder is not a run."""
-    described = describe(run)
+    described = run_document(run)
     rows = read_steady([run], lambda: newest_rows(result_files(run), _COLUMNS))
     jobs, stored = described["jobs"], len(rows)
     running = is_running(run)

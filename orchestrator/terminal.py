@@ -16,6 +16,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TextIO
 
+from toppling.models.files.stores import by_address
+
 if TYPE_CHECKING:
     from toppling.orchestrator.context import ProgressCallback, RunProgress
 
@@ -44,12 +46,12 @@ _HELD: list[TextIO] = []
 
 
 class _Plain(io.TextIOWrapper):
-    """Stream that filters its text; progress bars, which move the cursor, use the underlying `terminal`."""
+    """Stream of plain text with addresses of stores; progress bars, which move the cursor, use its `terminal`."""
 
     terminal: TextIO
 
     def write(self, text: str) -> int:
-        super().write(plain_text(text))
+        super().write(by_address(plain_text(text)))
         return len(text)
 
 

@@ -13,13 +13,19 @@ import pyarrow.compute as pc
 
 from toppling.models.caching import Described
 from toppling.models.errors import InputError
-from toppling.models.files.digest import read_json, read_table
+from toppling.models.files.digest import read_table
 from toppling.models.files.documents import read_toml
-from toppling.models.files.folder import instead, rock_name
-from toppling.models.files.schemas import BASES, check_run_document, read_scene_document
+from toppling.models.files.schemas import BASES, read_scene_document
 from toppling.models.files.stores import at_hand
 from toppling.models.motions.measures import CATALOG, meaning
-from toppling.results.run_integrity import SCENES, SITES_FILE, check_audits, check_files
+from toppling.results.run_integrity import (
+    CAMPAIGN_FILE,
+    SCENES,
+    SITES_FILE,
+    check_audits,
+    check_files,
+    run_document,
+)
 from toppling.results.schema import SCHEMA, describe, described_table
 from toppling.results.store import PathLike, newest_rows, read_steady, result_files
 from toppling.results.weights import Weights, weighted_rows, weights_of
@@ -33,14 +39,14 @@ if TYPE_CHECKING:
 class Completeness:
     """Numbers of planned, done and stored jobs of a run."""
 
-    planned: int | None  # None where unknown, as in an incomplete folder
+    planned: int
     done: int  # jobs with a row of any status
     stored: int = 0  # rows stored according to `run.json`
 
     @property
     def left(self) -> int:
-        """Number of jobs that have not run; 0 where the planned number is unknown."""
-        return max((self.planned or 0) - self.done, 0)
+        """Number of jobs that have not run."""
+        return max(self.planned - self.done, 0)
 
     @property
     def remark(self) -> str:
@@ -94,16 +100,9 @@ class Run(Described):
 
     def __init__(self, path: PathLike) -> None:
         self.path = at_hand(path)
-        marks = ("run.json", "results.parquet", "parts")
-        if atlas_of(self.path) is None and not any((self.path / mark).exists() for mark in marks):
-            raise InputError(
-                "run.absent",
-                f"is not a run{instead(self.path)}" if self.path.exists() else "does not exist",
-                where=str(self.path),
-                expected="the folder of a run, with " + ", ".join(marks),
-                remedy="make one with 'toppling run CAMPAIGN --out FOLDER'",
-            )
         self.root = atlas_of(self.path) or self.path
+        if self.root == self.path:
+            self.provenance()
         check_files(self.root)
         check_audits(self.root)
 
@@ -111,7 +110,7 @@ class Run(Described):
         rocks, jobs = [rock.rock for rock in self.rocks] or [self.rock], "unreadable"
         with contextlib.suppress(InputError):  # printing does not fail
             done = self.completeness()
-            jobs = f"{done.done:,} of {done.planned or done.done:,}"
+            jobs = f"{done.done:,} of {done.planned:,}"
         return {"name": self.name, "rock": ", ".join(rocks), "jobs": jobs}
 
     @property
@@ -119,7 +118,7 @@ class Run(Described):
         """Runs of the single rocks of an atlas; empty for a run of one rock."""
         if self.root != self.path:
             return ()
-        return tuple(Run(self.path / SCENES / rock["rock"]) for rock in self.provenance().get("scenes") or ())
+        return tuple(Run(self.path / SCENES / rock["rock"]) for rock in self.provenance().get("scenes", ()))
 
     @property
     def entry(self) -> dict[str, Any]:
@@ -145,28 +144,13 @@ class Run(Described):
 
     @property
     def rock(self) -> str:
-        """Name of the rock: from `run.json`, or else the folder of the campaign's scene, or the run's name."""
-        if self.root != self.path:
-            return self.path.name
-        with contextlib.suppress(InputError):  # damaged: as below
-            if rock := self.provenance().get("rock"):
-                return str(rock)
-        scene = self._campaign().get("scene")
-        name = Path(str(scene)).name if scene else "scene"
-        return rock_name(self.path) if name == "scene" else name
+        """Name of the rock."""
+        return self.path.name if self.root != self.path else str(self.provenance()["rock"])
 
     def unmeasured(self) -> dict[str, Any]:
         """Distributions that realisations draw besides base and centre of mass (the campaign's key `unmeasured`)."""
-        drawn = self._campaign().get("unmeasured")
-        return drawn if isinstance(drawn, dict) else {}
-
-    def _campaign(self) -> dict[str, Any]:
-        """Content of the run's campaign; empty if absent or damaged: callers that need it report that."""
-        path = self.root / "campaign.toml"
-        try:
-            return read_toml(path) if path.exists() else {}
-        except ValueError:
-            return {}
+        path = self.root / CAMPAIGN_FILE
+        return dict(read_toml(path).get("unmeasured", {})) if path.exists() else {}
 
     def table(self) -> pa.Table:
         """All rows with the schema `results.schema.SCHEMA`, one per job."""
@@ -220,10 +204,9 @@ class Run(Described):
 
         return as_frame(rows_where(self, where, trusted))
 
-    def planned(self) -> int | None:
-        """Number of planned jobs; None where unknown."""
-        jobs = (self.entry or self.provenance()).get("jobs")
-        return None if jobs is None else int(jobs)
+    def planned(self) -> int:
+        """Number of planned jobs."""
+        return int((self.entry or self.provenance())["jobs"])
 
     def completeness(self) -> Completeness:
         """Numbers of planned and done jobs."""
@@ -315,7 +298,7 @@ class Run(Described):
         return read_table(path) if path.exists() else None
 
     def scene(self) -> pa.Table | None:
-        """One row describing the scene, or one per rock of an atlas with its site; None without a scene."""
+        """Row describing the scene, or a row per rock of an atlas with its site; None without a scene."""
         check_files(self.root)
         if self.rocks:
             return pa.concat_tables(table for rock in self.rocks if (table := rock.scene()) is not None)
@@ -335,10 +318,9 @@ class Run(Described):
         """Whether given jobs are all on the same base of a rock with drawn bases."""
         return (self.scene_folder / BASES).exists() and jobs["realisation"].nunique() == 1
 
-    def scene_id(self) -> str | None:
-        """Hash of the rock's scene; None where unknown."""
-        entry = self.entry or self.provenance()
-        return str(entry["scene_id"]) if entry.get("scene_id") else None
+    def scene_id(self) -> str:
+        """Hash of the rock's scene."""
+        return str((self.entry or self.provenance())["scene_id"])
 
     def rock_m(self) -> tuple[float, ...] | None:
         """Centre of mass in metres of the coordinate system of the rock's scan; None where there is no scene."""
@@ -362,9 +344,8 @@ class Run(Described):
         )
 
     def provenance(self) -> dict[str, Any]:
-        """Content of `run.json`, the provenance of the run; empty without one."""
-        path = self.root / "run.json"
-        return check_run_document(read_json(path), path) if path.exists() else {}
+        """Content of `run.json`, the provenance of the run."""
+        return run_document(self.root)
 
     def describe(self) -> list[dict[str, str]]:
         """Unit and description of every column of every table."""
@@ -388,15 +369,15 @@ def atlas_of(path: Path) -> Path | None:
     return scenes.parent if whole else None
 
 
-def open_run(path: PathLike) -> Run:
-    """Open a run's folder for reading.
+def open_run(run: Run | PathLike) -> Run:
+    """Open a run's folder for reading; a run is returned as it is.
 
     Raises
     ------
     InputError
         If the folder is not a run.
     """
-    return Run(path)
+    return run if isinstance(run, Run) else Run(run)
 
 
 def as_frame(table: pa.Table) -> pd.DataFrame:

@@ -14,6 +14,7 @@ import pyarrow.parquet as pq
 
 from toppling.models.errors import InputError
 from toppling.models.files.digest import check, read_json, read_table, stamp, stated, unopened, write_table
+from toppling.models.files.folder import instead
 from toppling.models.files.schemas import BASES, check_run_document
 from toppling.models.motions.measures import CATALOG, MOTIONS
 
@@ -32,6 +33,9 @@ _WRITTEN_ONCE = (
     *(f"scene/{name}" for name in SCENE_FILES),
     *(f"{place}/{name}" for place in ("ensemble", *_RECORDED_ENSEMBLES) for name in ENSEMBLE_FILES),
 )
+
+SCHEMA_VERSION = 1
+"""Version of the layout of `run.json`."""
 
 _CHECKED: dict[Path, tuple[object, ...]] = {}
 """Finished comparisons, with the state of the files at that time."""
@@ -66,7 +70,7 @@ def digests_of(run: Path) -> dict[str, str | None]:
 def check_files(run: Path) -> None:
     """Compare the initial files of a run with their digests and ids in its `run.json`.
 
-    Missing files, and a folder without a `run.json`, are not checked.
+    Missing files are not checked, nor is the folder of an audit, which has no `run.json`.
 
     Raises InputError if a file is damaged or belongs to another run.
     """
@@ -95,8 +99,7 @@ def check_rows(run: Path, paths: Iterable[Path]) -> None:
 
 def check_plan_id(run: Path, path: Path, plan_id: object) -> None:
     """Raise InputError if a file's plan id differs from that of the run in whose folder it lies."""
-    expected = _document(run)["plan_id"] if (run / _RUN_FILE).exists() else plan_id
-    if plan_id != expected:
+    if plan_id != (expected := run_document(run)["plan_id"]):
         raise ForeignError(f"is of another run (plan {plan_id}, {run / _RUN_FILE} says {expected})", path)
 
 
@@ -104,9 +107,33 @@ def _stamps(files: Iterable[Path]) -> tuple[object, ...]:
     return tuple((str(path), stamp(path.stat())) for path in files)
 
 
-def _document(run: Path) -> dict[str, Any]:
+def run_document(run: Path) -> dict[str, Any]:
+    """Content of a run's `run.json`.
+
+    Raises InputError if the folder is not a run, or the file is damaged, incomplete or of another version.
+    """
     path = run / _RUN_FILE
-    return check_run_document(_opened(path, read_json), path)
+    try:
+        content = read_json(path)
+    except (FileNotFoundError, NotADirectoryError):
+        raise InputError(
+            "run.absent",
+            f"is not a run, there is no {_RUN_FILE}{instead(run)}" if run.exists() else "does not exist",
+            where=str(run),
+            expected=f"the folder of a run, with {_RUN_FILE}",
+            remedy="give the folder that was named with --out, or make one: 'toppling run CAMPAIGN --out FOLDER'",
+        ) from None
+    except OSError as error:
+        raise unopened(path, error) from None
+    if content.get("schema_version") != SCHEMA_VERSION:
+        raise InputError(
+            "document.schema_version",
+            f"{_RUN_FILE} is of another layout",
+            where=str(run),
+            expected=f"schema version {SCHEMA_VERSION}",
+            remedy="start a new run with another --out",
+        )
+    return check_run_document(content, path)
 
 
 def _opened(path: Path, read: Callable[[Path], Any]) -> Any:
@@ -117,7 +144,7 @@ def _opened(path: Path, read: Callable[[Path], Any]) -> Any:
 
 
 def _compare(run: Path) -> None:
-    recorded, here = _document(run)["files"], digests_of(run)
+    recorded, here = run_document(run)["files"], digests_of(run)
     other = [name for name in here if here[name] != recorded.get(name)]
     for name in other:
         check(run / name)  # distinguishes damaged from foreign files
@@ -131,9 +158,9 @@ def _compare(run: Path) -> None:
 
 def _compare_rows(run: Path, paths: Sequence[Path]) -> None:
     tables = [read_table(path, columns=["job_id", "scene_id"]) for path in paths]
-    document = _document(run) if (run / _RUN_FILE).exists() else {}
-    scene_id, scenes = document.get("scene_id"), document.get("scenes") or [document]
-    known_ids = {scene.get("scene_id") for scene in scenes}
+    of_audit = not (run / _RUN_FILE).exists()
+    document = {} if of_audit else run_document(run)
+    known_ids = {scene["scene_id"] for scene in document.get("scenes") or [document] if not of_audit}
     ids = jobs = pa.concat_tables(tables)["job_id"]
     if (run / _JOBS_FILE).exists():
         jobs = read_table(run / _JOBS_FILE, columns=["job_id"])["job_id"]
@@ -148,8 +175,9 @@ def _compare_rows(run: Path, paths: Sequence[Path]) -> None:
                 f"holds rows of another run ({foreign} of {len(rows)} are of no job in {_JOBS_FILE})", path
             )
         other = [name for name in pc.unique(rows["scene_id"]).to_pylist() if name not in known_ids]
-        if other and scene_id is not None:
-            raise ForeignError(f"holds rows of another scene ({other[0]}, the run's is {scene_id})", path)
+        if other and not of_audit:
+            own = document["scene_id"]
+            raise ForeignError(f"holds rows of another scene ({other[0]}, the run's is {own})", path)
 
 
 AUDIT_FOLDER = "audit"

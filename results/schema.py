@@ -32,7 +32,7 @@ _LINE, _PAGE = (0, 200), (0, 20_000)
 """Ranges of the number of characters of a name and of a message."""
 
 # Rounding may leave a size a little below 0.
-_SIZE, _ANGLE, _TURN, _SHARE = (-1e-6, 1e9), (-360.0, 360.0), (0.0, 180.0), (0.0, 1.0)
+_SIZE, _ANGLE, _TURN, _FRACTION = (-1e-6, 1e9), (-360.0, 360.0), (0.0, 180.0), (0.0, 1.0)
 _MANY, _INDEX = (0, 2**53), (0, 2**31 - 1)
 _ANY_TRUTH = (False, True)
 _DATES = datetime(2000, 1, 1, tzinfo=UTC), datetime(2200, 1, 1, tzinfo=UTC)
@@ -49,7 +49,7 @@ _COLUMNS: dict[str, list[tuple[Any, ...]]] = {
         ("azimuth_deg", _REAL, _MUST, _ANGLE, "deg", "where the stronger recorded component was turned to"),
         ("friction_static", _REAL, _MUST, _SIZE, "1", "Coulomb's static coefficient"),
         ("friction_kinetic", _REAL, _MUST, _SIZE, "1", "Coulomb's kinetic coefficient"),
-        ("restitution", _REAL, _MUST, _SHARE, "1", "coefficient of restitution"),
+        ("restitution", _REAL, _MUST, _FRACTION, "1", "coefficient of restitution"),
         ("realisation", _NUMBER, _MUST, _INDEX, "1", "number of the random realisation; 0 is the nominal scene"),
         ("preset", _TEXT, _MUST, _LINE, "", "settings of the engine, by name"),
         ("engine", _TEXT, _MUST, _LINE, "", "physics engine that stepped the rock"),
@@ -83,7 +83,7 @@ _COLUMNS: dict[str, list[tuple[Any, ...]]] = {
         ("wall_s", _REAL, _MAY, _SIZE, "s", "time the job took on its worker"),
     ],
     "provenance": [
-        ("time_step_s", _REAL, _MAY, _SHARE, "s", "time step"),
+        ("time_step_s", _REAL, _MAY, _FRACTION, "s", "time step"),
         ("physics_version", _TEXT, _MAY, _LINE, "", "version of the physics that the answer comes from"),
         ("worker", _TEXT, _MAY, _LINE, "", "worker that did the job"),
         ("cpu", _TEXT, _MAY, _LINE, "", "model of the processor that did the job"),

@@ -76,7 +76,7 @@ class Weights:
         ]
         return pa.Table.from_pylist(rows, schema=_SCHEMA)
 
-    def write(self, run: Path, plan_id: str | None = None) -> None:
+    def write(self, run: Path, plan_id: str) -> None:
         """Write the weights into the folder of a run, with the id of its plan."""
         notes = {name: value for name, value in vars(self).items() if name != "by_contact"}
         described = {_NOTES: json.dumps({**notes, "plan_id": plan_id})}

@@ -23,7 +23,7 @@ CONTROL = "\ue009"
 
 
 class Browser:
-    """One window of Chromium, by the W3C's WebDriver protocol."""
+    """A window of Chromium, by the W3C's WebDriver protocol."""
 
     def __init__(self, port, profile, width=1366, height=768):
         self._root = f"http://127.0.0.1:{port}"

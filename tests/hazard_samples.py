@@ -84,7 +84,7 @@ NSHMP_RATES = {
     "gmm/ASK_14": (0.036, 0.03, 0.008),
     "gmm/BSSA_14": (0.024, 0.01, 0.002),
 }
-"""Of the site One at 0.01, 0.05 and 0.2 g; the models' are multiplied by their weights."""
+"""Rates of the site One at 0.01, 0.05 and 0.2 g; the models' are multiplied by their weights."""
 
 
 def nshmp_curves(path: Path, values) -> Path:

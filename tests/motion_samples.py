@@ -101,7 +101,7 @@ def columns(folder: Path, a: np.ndarray) -> list[Path]:
     return tabled(paths, unit="m/s2", processing="corrected", event="Testquake", mag="6.5", dist_km="12")
 
 
-def one_column(folder: Path, a: np.ndarray) -> list[Path]:
+def single_column(folder: Path, a: np.ndarray) -> list[Path]:
     """Acceleration alone: unit and time step are the table's to say."""
 
     def text(_, series):
@@ -403,7 +403,7 @@ def sac(folder: Path, a: np.ndarray) -> list[Path]:
 
 
 WRITERS = {
-    "peer": peer, "columns": columns, "one_column": one_column, "csmip_v1": csmip_v1, "pairs_v1": pairs_v1,
+    "peer": peer, "columns": columns, "single_column": single_column, "csmip_v1": csmip_v1, "pairs_v1": pairs_v1,
     "bhrc": bhrc, "csmip_v2": csmip_v2, "cosmos_v2": cosmos,
     "cosmos_v1": lambda folder, a: cosmos(folder, a, corrected=False), "smc": smc, "geonet_v2a": geonet,
     "geonet_v1a": lambda folder, a: geonet(folder, a, corrected=False), "esm": esm, "unam": unam, "cwb": cwb,

@@ -4,13 +4,18 @@ import json
 
 from reference.idealised import ricker
 
+from toppling.models.files.digest import write_json
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.plan import plan_of
-from toppling.orchestrator.run_folder import SCHEMA_VERSION
+from toppling.results.reader import open_run
+from toppling.results.run_integrity import SCHEMA_VERSION, digests_of
+from toppling.results.store import write_part
 from toppling.workers.engines import DEFAULT, ENGINES
+
+VERSIONS = {"toppling": "0.1", "physics": "1"}
 
 
 def campaign_in(folder, periods_s=(0.6, 1.0), scene=None, name="P{}", **axes):
@@ -28,7 +33,17 @@ def run_document(**changes):
     """Content of a `run.json`, with changes."""
     ids = {"plan_id": "plan", "rock": "rock", "scene_id": "scene", "ensemble_id": "ensemble"}
     counts = {"schema_version": SCHEMA_VERSION, "jobs": 3, "sessions": [], "files": {}, "settling": None}
-    return {**ids, **counts, "versions": {}, "engine": ENGINES[DEFAULT].citation, **changes}
+    made = {"created_at": "2026", "versions": VERSIONS, "engine": ENGINES[DEFAULT].citation}
+    return {**ids, **counts, **made, **changes}
+
+
+def run_in(folder, rows, **changes):
+    """A run of one rock with some rows, in a folder that may hold its scene and ensemble."""
+    folder.mkdir(parents=True, exist_ok=True)
+    write_json(folder / "run.json", run_document(jobs=len(rows), files=digests_of(folder), **changes))
+    if rows:
+        write_part(folder, rows)
+    return open_run(folder)
 
 
 NEEDED = (

@@ -232,14 +232,14 @@ def whole(low: int, high: int) -> Kind:
 
 
 def choice(*words: str) -> Kind:
-    """One of some words."""
+    """Kind of a value that is among some words."""
     return Kind(f"one of {', '.join(words)}", lambda value: isinstance(value, str) and value in words)
 
 
 TEXT = Kind("a text", lambda value: isinstance(value, str))
 LENGTH_M = between(-1e8, 1e8)
 NUMBER = between(-1e12, 1e12)
-SHARE = between(-0.001, 1.001)
+FRACTION = between(-0.001, 1.001)
 
 
 def _text(path: Path, refuse: Refuse, most_bytes: int = LARGEST_BYTES) -> str:

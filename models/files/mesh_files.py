@@ -33,8 +33,7 @@ _INDICES = ("vertex_indices", "vertex_index")
 
 
 _damaged_ply = refusals(
-    expected="a whole PLY file, ASCII or binary, as its header describes it",
-    remedy="export the file again",
+    expected="a whole PLY file, ASCII or binary, as its header describes it", remedy="export the file again"
 )
 
 
@@ -247,7 +246,7 @@ class TriangleMesh(Protocol):
 MeshLike = str | os.PathLike[str] | tuple[ArrayLike, ArrayLike] | TriangleMesh
 """A file, a pair of vertices and triangles, or an object that has both."""
 
-_NOT_FROM_ONE = re.compile(rb"^[ \t]*f(?=[ \t])[^\n\r#]*?(?:[ \t/]-\d|[ \t]0+(?=[/\s]))", re.MULTILINE)
+_UNUSUAL_INDICES = re.compile(rb"^[ \t]*f(?=[ \t])[^\n\r#]*?(?:[ \t/]-\d|[ \t]0+(?=[/\s]))", re.MULTILINE)
 """A face of an OBJ whose vertices are not numbered from 1 on: trimesh counts back from the end of the file."""
 _OF_LOOKS = ("KHR_materials", "KHR_texture", "EXT_texture", "KHR_lights", "KHR_xmp", "KHR_mesh_quantization")
 """How extensions of glTF begin without which the triangles are the same, and one that is read."""
@@ -327,7 +326,7 @@ def triangles_of(mesh: MeshLike, what: str) -> tuple[ArrayLike, ArrayLike, str]:
 def _parse_mesh(path: Path) -> tuple[None, list[NDArray]]:
     """Vertices and triangles of a file by trimesh; called in the guarded process, since a small file may say much."""
     content, suffix = bytes_given(path, _damaged, LARGEST_DATA_BYTES), path.suffix.lower()
-    if suffix == ".obj" and _NOT_FROM_ONE.search(content):
+    if suffix == ".obj" and _UNUSUAL_INDICES.search(content):
         raise _damaged("mesh.index_out_of_range", "a face has a number that is not 1 or more", path)
     if suffix in (".glb", ".gltf"):
         _check_gltf(content, path)

@@ -9,9 +9,9 @@ from toppling.models.errors import refusals
 from toppling.models.files import digest
 from toppling.models.files.digest import read_json
 from toppling.models.files.documents import (
+    FRACTION,
     LENGTH_M,
     NUMBER,
-    SHARE,
     TEXT,
     Kind,
     between,
@@ -30,6 +30,12 @@ _ENGINE = Kind(
     lambda value: (
         isinstance(value, dict)
         and all(isinstance(value.get(key), str) for key in ("name", "title", "authors", "reference"))
+    ),
+)
+_VERSIONS = Kind(
+    "an object of versions as texts, with toppling and physics",
+    lambda value: (
+        isinstance(value, dict) and all(isinstance(value.get(key), str) for key in ("toppling", "physics"))
     ),
 )
 _SETTLING = Kind(
@@ -58,7 +64,8 @@ _RUN = {
     "sessions": [_OBJECT],
     "plan_id": TEXT,
     "rock": TEXT,
-    "versions": _OBJECT,
+    "created_at": TEXT,
+    "versions": _VERSIONS,
     "engine": _ENGINE,
     "scene_id": TEXT,
     "ensemble_id": TEXT,
@@ -94,7 +101,9 @@ _AZIMUTH = between(-360.0, 360.0)
 _PLACE = [LENGTH_M, 3]
 _INTERVAL = {"azimuth_deg": _AZIMUTH, "low_m_s2": _SPREAD, "median_m_s2": _SPREAD, "high_m_s2": _SPREAD}
 _REPORT = {
-    "surface?": {"seen_share": SHARE, "closed_share": SHARE, "invented_share": SHARE, "crown_unseen_share?": SHARE},
+    "surface?": {
+        "seen_share": FRACTION, "closed_share": FRACTION, "invented_share": FRACTION, "crown_unseen_share?": FRACTION,
+    },
     "slenderness?": [{"azimuth_deg": _AZIMUTH, "alpha_deg": NUMBER.or_null()}],
     "registration?": {
         "residual_m?": _SPREAD.or_null(),
@@ -106,13 +115,13 @@ _REPORT = {
         "volume_std_m3?": _SPREAD.or_null(),
     },
     "unseen_base?": {
-        "level": SHARE,
+        "level": FRACTION,
         "contradiction?": TEXT,
         "draws?": whole(1, 1_000_000),
         "distinct?": whole(1, 1_000_000),
         "toppling?": [_INTERVAL],
         "lift_off?": [_INTERVAL],
-        "kinds?": {f"{kind}?": {"weight": SHARE, "draws": whole(0, 1_000_000)} for kind in KINDS},
+        "kinds?": {f"{kind}?": {"weight": FRACTION, "draws": whole(0, 1_000_000)} for kind in KINDS},
         "contacts?": {"reach": [{"low_m": NUMBER, "high_m": NUMBER}], "count": [whole(0, 1_000_000), 3]},
         "com_m?": [[NUMBER, 3], 3],
         "volume_m3?": [between(0.0, 1e12), 3],
@@ -135,7 +144,7 @@ _SHAPE: dict[str, Any] = {
     "interface": {
         "slope_deg": between(0.0, 180.0), "downhill_azimuth_deg": _AZIMUTH, "point_m": _PLACE,
         "normal": [between(-1.0, 1.0), 3], "given_by?": TEXT, "roughness_m?": _SPREAD.or_null(),
-        "outline_m?": [_PLACE], "outlines?": [{"probability": SHARE, "outline_m": [_PLACE]}],
+        "outline_m?": [_PLACE], "outlines?": [{"probability": FRACTION, "outline_m": [_PLACE]}],
         "edges_m?": [[_PLACE]], "carried?": TEXT, "beside?": TEXT,
     },
     "contact": {

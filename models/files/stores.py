@@ -49,7 +49,7 @@ _WHOLE = ("s3", "gcs", "abfs")
 _IN_MEMORY_BYTES = 2**26
 """Files up to this size are read before they are put, so that one that grows meanwhile does not grow in flight."""
 
-_MOST_IN_ONE_PUT_BYTES = 5 * 10**9
+_MOST_IN_A_PUT_BYTES = 5 * 10**9
 """Limit of S3 (Amazon S3 API reference, PutObject): larger objects go in parts, without a condition."""
 
 _TRIES = 3
@@ -166,7 +166,7 @@ class Store:
         target = self._path(name)
         size = source.seek(0, os.SEEK_END)
         source.seek(0)
-        if self._s3 and size <= _MOST_IN_ONE_PUT_BYTES:
+        if self._s3 and size <= _MOST_IN_A_PUT_BYTES:
             tag = self._tag(name)
             check()
             body = source.read() if size <= _IN_MEMORY_BYTES else source
@@ -307,7 +307,7 @@ log = logging.getLogger(__name__)
 _PAUSE_S = 5.0
 """Interval between uploads of a run in progress, which writes its parts as often."""
 
-_NOT_CARRIED: Stamp = [-1, -1]
+_NOT_SENT: Stamp = [-1, -1]
 """Stamp of a file whose object in the store differs, and has to be put again."""
 
 _ADDRESS = re.compile(r"^([a-z][a-z0-9+.-]+):/+(?=[^/])", re.IGNORECASE)
@@ -456,7 +456,7 @@ class Copy:
                     ):
                         stamp = _stamp(self.path / name)
                         there, sent = self._store.write(name, source, self._claim.check)
-                        self._known[name] = (stamp if there[0] == sent else _NOT_CARRIED, there)
+                        self._known[name] = (stamp if there[0] == sent else _NOT_SENT, there)
                         if there[0] != sent:
                             raise self._not_whole(name, there[0], sent)
                 for name in [name for name in self._known if not (self.path / name).exists()]:
@@ -502,7 +502,7 @@ class Copy:
         with self._errors_as_refusals():
             return self._claim.writer()
 
-    def carry_back(self) -> None:
+    def upload_changes(self) -> None:
         """Carry what this process made, unless it has lost the folder, or another one here carries everything.
 
         Raises InputError as `push`.
@@ -518,7 +518,7 @@ class Copy:
     def _uploads(self) -> Iterator[None]:
         over = threading.Event()
 
-        def keep_up() -> None:
+        def push_repeatedly() -> None:
             while self._claim.loss is None and not over.wait(_PAUSE_S):
                 try:
                     self.push()
@@ -528,7 +528,7 @@ class Copy:
                             "%s; what is done stays in %s, and is tried again", error.brief, self.path
                         )
 
-        thread = threading.Thread(target=keep_up, daemon=True)
+        thread = threading.Thread(target=push_repeatedly, daemon=True)
         thread.start()
         try:
             yield
@@ -626,9 +626,11 @@ def at_hand(path: str | os.PathLike[str]) -> Path:
     return _copy_of(path).path
 
 
-def named(path: Path) -> str:
-    """User's name of a folder: the address if it is the copy of one in a store."""
-    return next((address for address, copy in _COPIES.items() if copy.path == path), str(path))
+def by_address(text: str) -> str:
+    """Text in which paths of copies are replaced by the addresses of their folders in a store."""
+    for address, copy in _COPIES.items():
+        text = text.replace(str(copy.path), address)
+    return text
 
 
 def sole_writer(path: Path, *, take_over: bool = False) -> AbstractContextManager[Callable[[], None]]:
@@ -642,10 +644,10 @@ def writer_of(path: Path) -> str:
     return next((copy.writer() for copy in _COPIES.values() if copy.path == path), "")
 
 
-def carry_back() -> None:
+def upload_changes() -> None:
     """Carry what was written into copies to their stores."""
     for copy in _COPIES.values():
-        copy.carry_back()
+        copy.upload_changes()
 
 
 def _is_hidden(name: str) -> bool:

@@ -194,7 +194,7 @@ class Ensemble:
         return self._row[record_id]
 
     def _sound(self, record_id: str) -> Record:
-        """One record, if its motion can be read."""
+        """Record of an id, if its motion can be read."""
         try:
             return self._read(record_id)
         except InputError:
@@ -204,7 +204,7 @@ class Ensemble:
             raise _ensemble_error("ensemble.unreadable", what, self.folder) from error
 
     def _read(self, record_id: str) -> Record:
-        """One record, its motion read from its own row group (the last few stay in memory)."""
+        """Record of an id, its motion read from its own row group (the last few stay in memory)."""
         index = self._index(record_id)
         with self._lock:  # a ParquetFile is one file handle
             if self._motions is None:

@@ -11,7 +11,7 @@ STANDARD_G_M_S2 = 9.80665
 
 @dataclass(frozen=True, slots=True)
 class Measure:
-    """One intensity measure."""
+    """Intensity measure."""
 
     description: str  # of the columns of catalogues and rows; its unit is the end of its name
     # Power of the scale by which it grows with the motion; None for an azimuth, which turns with it.

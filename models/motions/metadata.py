@@ -63,7 +63,7 @@ _SAME_UNIT = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One row: files of the components and what they do not say; None or empty where the table is silent too.
+    """Row of a metadata table: files of the components and what they lack; None or empty where the table lacks it too.
 
     There may be a hundred thousand, so a row keeps words, and makes paths of them when it is asked.
 

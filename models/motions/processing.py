@@ -10,7 +10,7 @@ from toppling.models.errors import InputError
 from toppling.models.motions.intensity import displacement_m, velocity_m_s
 from toppling.models.motions.motion import Motion
 
-_TAPER_SHARE = 0.05
+_TAPER_FRACTION = 0.05
 """Share of the record that the cosine taper takes at each end."""
 _HIGH_PASS_ORDER = 4
 """Order of the Butterworth filter after its two passes."""
@@ -18,21 +18,21 @@ _LOWEST_CORNER_HZ = 0.001
 """Lowest corner of a filter, Hz: a lower one would need hours of zeros around the record."""
 CORNERS_HZ = (0.05, 0.07, 0.1, 0.14, 0.2)
 """Corners that the displacement check tries, lowest first: beyond the last, shaking of M 7 itself is lost."""
-_QUIET_SHARE = 0.1
+_QUIET_FRACTION = 0.1
 """Share of the record, at its end, in which the displacement is compared with its peak."""
-_DRIFT_SHARE = 0.25
+_DRIFT_FRACTION = 0.25
 """Share of its peak within which a sound displacement stays there after the filter."""
 
 
 DRIFTS = "highest tried; the displacement still drifts at the end"
 """How the history says that no corner passed the displacement check."""
 
-_RETURNED_SHARE = 0.5
+_RETURNED_FRACTION = 0.5
 """Fraction of its peak below which the displacement at the end of an unfiltered record is sound.
 
 Of 110 records that agencies corrected 99 do; of 30 uncorrected ones each reaches .99.
 """
-_LEVEL_SHARE = 0.05
+_LEVEL_FRACTION = 0.05
 """Fraction of its peak by which a permanent displacement may still vary at the end."""
 _PEAK_VELOCITY_S = 5.0
 """Largest plausible ratio of peak displacement to peak velocity, s; a drift that ends level by chance exceeds it."""
@@ -70,7 +70,7 @@ def _filtered(motion: Motion, corner_hz: float) -> tuple[NDArray[np.float64], in
 
 def taper(motion: Motion) -> Motion:
     """Cosine taper over a share of the record at each end."""
-    window = scipy.signal.windows.tukey(len(motion.acceleration_m_s2), 2 * _TAPER_SHARE)
+    window = scipy.signal.windows.tukey(len(motion.acceleration_m_s2), 2 * _TAPER_FRACTION)
     return Motion(motion.acceleration_m_s2 * window[:, None], motion.time_step_s)
 
 
@@ -117,13 +117,13 @@ def process(motion: Motion, corner_hz: float | None = None) -> tuple[Motion, tup
     start = taper(Motion(centred, motion.time_step_s))
     chosen, how = corner_hz, "as asked"
     if chosen is None:
-        passing = (corner for corner in CORNERS_HZ if _displacement_drift(start, corner) <= _DRIFT_SHARE)
+        passing = (corner for corner in CORNERS_HZ if _displacement_drift(start, corner) <= _DRIFT_FRACTION)
         chosen, how = next(passing, None), "lowest that passes the displacement check"
     if chosen is None:
         chosen, how = CORNERS_HZ[-1], DRIFTS
     history = (
         "mean removed",
-        f"cosine taper of {_TAPER_SHARE:.0%} at each end",
+        f"cosine taper of {_TAPER_FRACTION:.0%} at each end",
         f"acausal Butterworth high-pass at {chosen:g} Hz, order {_HIGH_PASS_ORDER} ({how})",
         "cubic taken off the displacement, end velocity and displacement zero",
     )
@@ -135,7 +135,7 @@ def _displacement_drift(motion: Motion, corner_hz: float) -> float:
     filtered, pad = _filtered(motion, corner_hz)
     ground: NDArray[np.float64] = np.abs(displacement_m(Motion(filtered, motion.time_step_s)))
     samples = len(motion.acceleration_m_s2)
-    end = ground[pad + round((1 - _QUIET_SHARE) * samples) : pad + samples].max(axis=0)
+    end = ground[pad + round((1 - _QUIET_FRACTION) * samples) : pad + samples].max(axis=0)
     peak = ground.max(axis=0)
     return float((end / np.where(peak > 0, peak, 1.0)).max())
 
@@ -144,9 +144,9 @@ def drifts(motion: Motion) -> bool:
     """Whether a component's displacement neither returns nor stays where it is, as of an offset left in."""
     ground = displacement_m(motion)
     size: NDArray[np.float64] = np.abs(ground)
-    start = int((1 - _QUIET_SHARE) * len(ground))
+    start = int((1 - _QUIET_FRACTION) * len(ground))
     peak = size.max(axis=0)
-    returns = size[start:].max(axis=0) <= _RETURNED_SHARE * peak
-    level = np.ptp(ground[start:], axis=0) <= _LEVEL_SHARE * peak
+    returns = size[start:].max(axis=0) <= _RETURNED_FRACTION * peak
+    level = np.ptp(ground[start:], axis=0) <= _LEVEL_FRACTION * peak
     plausible = peak <= _PEAK_VELOCITY_S * np.abs(velocity_m_s(motion)).max(axis=0)
     return not (returns | level & plausible).all()

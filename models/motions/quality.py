@@ -64,7 +64,7 @@ _CLIPPED_SAMPLES = 10
 """Number of samples at the extreme from which an instrument was clipped."""
 _CLIPPED_RUN = 4
 """Number of them in a row."""
-_RAIL_SHARE = 0.95
+_RAIL_FRACTION = 0.95
 """Least distance of a rail as a fraction of the record's farthest sample."""
 _RAIL_RUNS = 3
 """Number of runs at a rail that is nearer to the middle, where an offset was removed."""
@@ -72,7 +72,7 @@ _SPIKE_RATIO = 8.0
 """Ratio of a sample's distance from its neighbours to the next largest one from which it is a spike."""
 _FILLED_GAP_S = 0.5
 """Length of a constant stretch that is a filled gap, s."""
-_FILLED_GAP_SHARE = 0.1
+_FILLED_GAP_FRACTION = 0.1
 """Fraction of the peak that the shaking reaches shortly before and after it."""
 
 
@@ -185,7 +185,7 @@ def _clipped(component: Component, a: np.ndarray) -> None:
         if count < _CLIPPED_SAMPLES or not flat:
             continue
         share = max(abs(extreme) / peak, abs(extreme - middle) / farthest)
-        if share >= _RAIL_SHARE or (len(flat) >= _RAIL_RUNS and abs(extreme - middle) > 0.5 * farthest):
+        if share >= _RAIL_FRACTION or (len(flat) >= _RAIL_RUNS and abs(extreme - middle) > 0.5 * farthest):
             start, end = max(flat, key=lambda run: run[1] - run[0])
             _refuse_sample("record.clipped", component, start,
                 f"{count} samples, {end - start} in a row, are at the extreme {extreme:.4g} m/s2: clipped",
@@ -221,7 +221,7 @@ def _filled_gap(component: Component, a: np.ndarray, peak: float) -> None:
         if end - start < least or start < 1 or end + 1 >= len(a):
             continue
         before, after = a[max(start - least, 0) : start], a[end + 1 : end + 1 + least]
-        if min(np.abs(before - a[start]).max(), np.abs(after - a[start]).max()) > _FILLED_GAP_SHARE * peak:
+        if min(np.abs(before - a[start]).max(), np.abs(after - a[start]).max()) > _FILLED_GAP_FRACTION * peak:
             seconds = (end - start) * component.time_step_s
             _refuse_sample("record.filled_gap", component, start,
                 f"the samples stay at {a[start]:.4g} m/s2 for {seconds:.3g} s amid the shaking: a filled gap",

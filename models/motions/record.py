@@ -18,7 +18,7 @@ from toppling.models.motions.place import FREE_FIELD, Place
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """One station's three-component record of one earthquake, x east, y north, z up."""
+    """Three-component record of an earthquake at a station, x east, y north, z up."""
 
     record_id: str
     event: str

@@ -33,7 +33,7 @@ _Record = tuple[str, dict[str, str]]
 
 @dataclass(frozen=True)
 class Bin:
-    """One cell of a hazard deaggregation: from the low edge to below the high one, and its contribution."""
+    """Cell of a hazard deaggregation: from the low edge to below the high one, and its contribution."""
 
     magnitude: tuple[float, float]
     distance_km: tuple[float, float]
@@ -249,8 +249,6 @@ def _refuse(code: str, where: object, what: str, remedy: str) -> NoReturn:
     )
 
 
-_LEAST_COMPONENTS = 2
-"""Number of components that every record has."""
 _RANGES = {
     "magnitude": ("magnitude", ""),
     "distance_km": ("distance", " km"),
@@ -271,7 +269,6 @@ class Choice:
     magnitude: tuple[float, float] | None = None
     distance_km: tuple[float, float] | None = None
     event: str | None = None  # part of the event's name, in any case
-    components: int = 0  # at least so many
     most_per_event: int = 0  # at most so many of one event: the nearest to the source, then by id
     quality: tuple[str, ...] = ()  # any of these, as in `Record.quality`; empty for every quality
     # As `magnitude`; of the record as it is, before it is scaled.
@@ -297,7 +294,7 @@ def select(ensemble: Ensemble, choice: Choice) -> tuple[list[str], list[tuple[st
 
     Raises InputError if no record is.
     """
-    columns = [*_RANGES, "record_id", "event", "components", "quality"]
+    columns = [*_RANGES, "record_id", "event", "quality"]
     rows = ensemble.catalog.select(columns).to_pylist()
     left: list[tuple[str, int]] = []
     fit = rows
@@ -322,7 +319,7 @@ _Narrow = Callable[[_Rows], _Rows]
 
 
 def _conditions(choice: Choice) -> Iterator[tuple[str, _Narrow]]:
-    """Each condition that asks for something, in words and as what it leaves of some rows."""
+    """Conditions that restrict the selection, in words and as what they leave of some rows."""
 
     def where(holds: Callable[[dict[str, Any]], bool]) -> _Narrow:
         return lambda rows: [row for row in rows if holds(row)]
@@ -333,8 +330,6 @@ def _conditions(choice: Choice) -> Iterator[tuple[str, _Narrow]]:
     for column, (name, unit) in _RANGES.items():
         if limits := getattr(choice, column):
             yield f"{name} {limits[0]:g} to {limits[1]:g}{unit}", within(column, limits)
-    if choice.components > _LEAST_COMPONENTS:
-        yield f"{choice.components} components", where(lambda row: row["components"] >= choice.components)
     if choice.quality:
         yield f"quality {' or '.join(choice.quality)}", where(lambda row: row["quality"] in choice.quality)
     if choice.event is not None:

@@ -17,7 +17,7 @@ SAME_SHAKING_S = 60.0
 """Channels of one station that start farther apart than this belong to different records."""
 _STEP_TOLERANCE = 1e-3
 """Share by which the time steps of the components of one record may differ."""
-_SHARED_LENGTH = 0.8
+_COMMON_LENGTH = 0.8
 """Components that share less than this of the longest are not cut to what they share, but refused."""
 _NAME = re.compile(
     r"^(?P<series>.*?)[._\- ]*"
@@ -197,10 +197,10 @@ def _aligned(channels: Triple) -> tuple[float, np.ndarray, list[str]]:
             "name the components that belong together in the metadata table")  # fmt: skip
     history = []
     lengths = [len(c.acceleration_m_s2) for c in parts]
-    if count < _SHARED_LENGTH * max(lengths):
+    if count < _COMMON_LENGTH * max(lengths):
         parts[lengths.index(min(lengths))].refuse("record.lengths_differ",
             f"components of {', '.join(map(str, lengths))} samples share {count}: one seems truncated",
-            f"components that share {_SHARED_LENGTH:.0%} of the longest",
+            f"components that share {_COMMON_LENGTH:.0%} of the longest",
             "fetch the short one again, or cut all to one length first")  # fmt: skip
     if len(set(lengths)) > 1 or any(skip):
         history.append(f"components of {', '.join(map(str, lengths))} samples cut to the {count} they share")

@@ -36,9 +36,9 @@ _QUALITY_EXPONENT = 0.45
 """Power of the frequency with which Q grows."""
 _MEDIAN_KAPPA_S = 0.035
 """Median kappa of Californian rock, s."""
-_WINDOW_PEAK_SHARE = 0.2
+_WINDOW_PEAK_FRACTION = 0.2
 """Share of the window's length before its peak."""
-_WINDOW_END_SHARE = 0.05
+_WINDOW_END_FRACTION = 0.05
 """Share of the peak that the window has at its end."""
 _WINDOW_LENGTH = 2.0
 """Length of the window in durations of the shaking."""
@@ -180,8 +180,8 @@ def _horizontal_to_vertical(frequency_hz: NDArray[np.float64]) -> NDArray[np.flo
 
 def _saragoni_hart_window(duration_s: float) -> NDArray[np.float64]:
     """Exponential window of Saragoni and Hart (1974) as in Boore (2003), twice as long as the duration."""
-    peak = _WINDOW_PEAK_SHARE
-    b = -peak * np.log(_WINDOW_END_SHARE) / (1 + peak * (np.log(peak) - 1))
+    peak = _WINDOW_PEAK_FRACTION
+    b = -peak * np.log(_WINDOW_END_FRACTION) / (1 + peak * (np.log(peak) - 1))
     share = np.linspace(0.0, 1.0, round(_WINDOW_LENGTH * duration_s / _TIME_STEP_S) + 1)
     return (np.e / peak) ** b * share**b * np.exp(-b / peak * share)
 

@@ -14,7 +14,7 @@ from toppling.models.files.table import Table, places_in
 from toppling.models.frames import plane_normal, quadrant_of, slope_of_normal
 from toppling.models.scan.hints_file import outside_cloud
 from toppling.models.scan.interface import Interface, fit_interface
-from toppling.models.scan.placement import ONE_LINE
+from toppling.models.scan.placement import COLLINEAR
 from toppling.models.scan.surfels import Surfels
 from toppling.models.scan.text import named_columns
 
@@ -74,7 +74,7 @@ class InterfaceHint:
             raise _unusable("interface.too_few_places", f"{len(points)} points are given", where)
         centre = points.mean(axis=0)
         _, spread, axes = np.linalg.svd(points - centre, full_matrices=False)
-        if spread[1] <= ONE_LINE * spread[0]:
+        if spread[1] <= COLLINEAR * spread[0]:
             raise _unusable("interface.places_on_a_line", "the points lie on one line", where)
         normal = axes[2] * (np.sign(axes[2, 2]) or 1.0)
         steep = float(np.rad2deg(np.arccos(min(normal[2], 1.0))))

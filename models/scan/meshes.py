@@ -22,7 +22,7 @@ _POINTS_PER_TRIANGLE, FEWEST, _MOST = 4, 1_000_000, 4_000_000
 """Points on a mesh: half of them spread evenly over its area, half over its triangles, so where it has its detail."""
 _WIDEST, _NARROWEST = 200.0, 0.3
 """Extents, in metres, beyond which a mesh is hardly a rock and its ground: other units are likelier."""
-_OPEN_SHARE = 0.05
+_OPEN_FRACTION = 0.05
 """Share of a mesh's area: with less left over it is closed, and no opening shows where up is."""
 _TILTED_DEG, _NEAR_AXIS_DEG = 45.0, 25.0
 """An open surface faces up in the mean: farther from z than this, z is not up; nearer to an axis, that axis is."""
@@ -101,7 +101,7 @@ def _facing(vertices: Array, faces: Indices) -> Array | None:
     area = 0.5 * _crossed(vertices[faces])
     total, whole = area.sum(axis=0), float(np.linalg.norm(area, axis=1).sum())
     size = float(np.linalg.norm(total))
-    return total / size if size > _OPEN_SHARE * whole else None
+    return total / size if size > _OPEN_FRACTION * whole else None
 
 
 def _sideways(vertices: Array, faces: Indices, usual: str) -> tuple[str, str] | None:

@@ -18,9 +18,9 @@ from toppling.models.files.table import Table, places_in
 from toppling.models.frames import rotation_between
 from toppling.models.lengths import in_degrees
 
-ONE_LINE = 0.02
+COLLINEAR = 0.02
 """Points whose spread across is less than this share of that along lie on one line, and define no attitude."""
-_LARGEST_SHARE = 0.02
+_LARGEST_FRACTION = 0.02
 """Residuals above this share of the points' extent are mistakes and no scatter."""
 _SIGNIFICANT = 1e-4
 """Chance that scatter alone makes one of the points stand out as a mistake."""
@@ -98,7 +98,7 @@ def fit_control_points(given: str | Path | Sequence[str], metres_per_unit: objec
     model, surveyed = rows[:, :3], rows[:, 3:] * (across, across, up)
     for side, places in (("model", model), ("survey", surveyed)):
         spread = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
-        if spread[1] <= ONE_LINE * spread[0]:
+        if spread[1] <= COLLINEAR * spread[0]:
             raise _unusable(
                 "placement.points_on_a_line",
                 f"the points lie on one line in the {side}, about which the model could turn",
@@ -120,7 +120,7 @@ def _squares(model: Array, surveyed: Array, mirrored: bool = False) -> float:
 def _check_fit(model: Array, surveyed: Array, off: Array, names: tuple[str, ...], path: str) -> None:
     """Refuse points that no similarity carries into each other, naming the one without which the others fit."""
     count, size = len(model), float(np.ptp(surveyed, axis=0).max())
-    large = off.max() > _LARGEST_SHARE * size
+    large = off.max() > _LARGEST_FRACTION * size
     expected = "control points that one scale, one rotation and one shift carry onto the survey"
     if large and _squares(model, surveyed, mirrored=True) < 0.01 * (off**2).sum():
         raise InputError(
@@ -137,7 +137,7 @@ def _check_fit(model: Array, surveyed: Array, off: Array, names: tuple[str, ...]
         free = 3 * (count - 1) - 7
         tiny = (1e-9 * size) ** 2
         by_chance = count * fdtrc(3, free, ((off**2).sum() - rest) / 3.0 * free / max(rest, tiny))
-        alone = rest / (count - 1) < (0.5 * _LARGEST_SHARE * size) ** 2
+        alone = rest / (count - 1) < (0.5 * _LARGEST_FRACTION * size) ** 2
         if (off**2).sum() > count * tiny and alone and (by_chance < _SIGNIFICANT or large):
             raise InputError(
                 "placement.points_off",

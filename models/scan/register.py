@@ -20,7 +20,7 @@ from toppling.models.scan.plausible import MINIMUM_POINTS
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.surfels import FEW_SAMPLED, SAMPLED
 
-_OVERLAP_SHARE = 0.02
+_OVERLAP_FRACTION = 0.02
 """Points of two stations this near, in sizes of a cloud, show the same place."""
 _LEAST_OVERLAP, _LEAST_IN_FILE = 0.05, 0.005
 """Share of a file's points, and of one of its stations', that must show a place that another one shows too: strips of
@@ -93,7 +93,7 @@ def _some(rows: NDArray, count: int) -> NDArray:
 
 @dataclass(frozen=True, eq=False)
 class _Against:
-    """One file's points against those of all others."""
+    """Points of a file against those of all others."""
 
     points_m: Array
     others_m: Array
@@ -113,7 +113,7 @@ class _Against:
 
     def shared(self) -> float:
         """Share of the file's points that show a place of the others, or of theirs that show one of its own."""
-        reach = _OVERLAP_SHARE * self.others_size_m
+        reach = _OVERLAP_FRACTION * self.others_size_m
         return max(_near(self.points_m, self.others_m, reach), _near(self.others_m, self.points_m, reach))
 
     def fit_gained(self, unit: float, origin_m: Array) -> float:
@@ -125,7 +125,7 @@ class _Against:
         if not (0.75 < self.ratio * unit < 1.33 and 0.6 < self.rise * unit < 1.67):
             return 0.0
         converted = (self.points_m + origin_m) * unit - origin_m
-        reach = _OVERLAP_SHARE * self.others_size_m * min(1.0, self.ratio)
+        reach = _OVERLAP_FRACTION * self.others_size_m * min(1.0, self.ratio)
         as_is, after = (
             min(_near(points, self.others_m, reach), _near(self.others_m, points, reach))
             for points in (self.points_m, converted)
@@ -168,8 +168,8 @@ def _near(points: Array, others: Array, reach_m: float) -> float:
 _TOLERATED = 0.4
 """Share of copies below which they stay: coordinates in steps as wide as the points' spacing make a fifth of the points
 copies, and patches of a surface are judged by how many points they have."""
-_ONE_IN = np.uint64(32)
-"""One key in so many tells the share of copies, where there are enough: sorting all takes seconds."""
+_SAMPLED_IN = np.uint64(32)
+"""Interval of keys by which the fraction of copies is found, where there are enough: sorting all takes seconds."""
 _MIXERS = (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB)
 """Odd factors that spread the bits of a coordinate (Steele, Lea and Flood 2014)."""
 
@@ -183,7 +183,7 @@ def copies(points_m: Array) -> Flags | None:
     [False, False, True, True]
     """
     keys = _keys(points_m)
-    some = keys[keys % _ONE_IN == 0]  # copies of one point have one key: all or none of them
+    some = keys[keys % _SAMPLED_IN == 0]  # copies of one point have one key: all or none of them
     if len(some) > SAMPLED and _share(some) < 0.5 * _TOLERATED:
         return None
     if _share(keys) < _TOLERATED:
@@ -241,7 +241,7 @@ _SAMPLES = 4000
 _REACH_VOXELS = (6.0, 6.0, 4.0, 4.0, 3.0, 3.0, 2.0, 2.0, 2.0)
 """Distance up to which two points may show the same place, by iteration."""
 _LEAST_PAIRS = 100
-_SAME_WAY = 0.9
+_SAME_DIRECTION = 0.9
 """Cosine between the normals of points that show the same place."""
 _WORTH = 0.95
 """A registration that leaves more than this share of the residual is not applied: it would follow the noise."""
@@ -426,7 +426,7 @@ def _pairs(
         turn, shift = pose[b][:3, :3], pose[b][:3, 3]
         distance, near = stations[b].tree.query((points - shift) @ turn, distance_upper_bound=reach_m)
         met = np.isfinite(distance)
-        met[met] = np.abs(np.einsum("ij,ij->i", normals[met], placed[b].normals[near[met]])) > _SAME_WAY
+        met[met] = np.abs(np.einsum("ij,ij->i", normals[met], placed[b].normals[near[met]])) > _SAME_DIRECTION
         if met.sum() < _LEAST_PAIRS:
             continue
         normal = placed[b].normals[near[met]]
@@ -459,7 +459,7 @@ def _fits(stations: list[_Thinned], pose: list[Array], voxel_m: float) -> list[d
             continue
         normal = normals[near[nearby]]
         met = distance[nearby] < _REACH_VOXELS[-1] * voxel_m
-        met &= np.abs(np.einsum("ij,ij->i", facing[nearby], normal)) > _SAME_WAY
+        met &= np.abs(np.einsum("ij,ij->i", facing[nearby], normal)) > _SAME_DIRECTION
         gap = np.abs(np.einsum("ij,ij->i", own[nearby] - points[near[nearby]], normal))[met]
         found.append(
             {

@@ -43,7 +43,7 @@ _UNSEEN_DEG = 130.0
 apart."""
 _MEET_VOXELS = 4.0
 """Patches of rock and pedestal so near to each other meet."""
-_CREASED_SHARE = 0.5
+_CREASED_FRACTION = 0.5
 """Share of the rim that was seen along which a crease must show."""
 _TOUCHES_ABOVE = 0.2
 """Share of the rock's height above which what touches it is a warning."""
@@ -124,7 +124,7 @@ def unseen_range(observed: ObservedRock, interface: Interface) -> tuple[float, f
     return widest_gap_deg(shown) if len(shown) else (360.0, 0.0)
 
 
-def _creased_share(observed: ObservedRock, interface: Interface) -> float | None:
+def _creased_fraction(observed: ObservedRock, interface: Interface) -> float | None:
     """Share of the directions in which rock and pedestal were seen to meet where it is in a crease; None if unseen."""
     surfels, flat = observed.surfels, interface.flat(observed.surfels.points_m)
     low = observed.patches & (np.abs(flat[:, 2]) < 0.15 * observed.height_m)
@@ -145,9 +145,9 @@ def _creased_share(observed: ObservedRock, interface: Interface) -> float | None
 
 def _contact(observed: ObservedRock, interface: Interface) -> ScanWarning | None:
     """A warning where the rock may be held: no crevice shows along its rim, or something touches it above its foot."""
-    share, touch = _creased_share(observed, interface), _touched_above(observed, interface)
+    share, touch = _creased_fraction(observed, interface), _touched_above(observed, interface)
     found = []
-    if share is not None and share < _CREASED_SHARE:
+    if share is not None and share < _CREASED_FRACTION:
         found.append(
             f"a crevice or crease between rock and pedestal shows along {share:.0%} of the rim that was seen: where "
             "none does the two may be one, or soil and plants cover the rim"

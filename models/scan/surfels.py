@@ -19,7 +19,7 @@ _BOTH_SIDES = 3.0
 """Rays that escape from both sides of a patch: where they are nearly as many, something of the rock was not seen."""
 _LEAVING, _OWN_SHEET_VOXELS = 0.1, 4.0
 """Cosine between a ray and the way out, and how far away it meets something, of a ray that left its own sheet."""
-_STRAY_SHARE = 0.2
+_STRAY_FRACTION = 0.2
 """A voxel with less than this share of the points of a typical neighbour holds strays only."""
 
 
@@ -31,7 +31,7 @@ _PLANT_ROUGHNESS, _OF_A_PLANT = 0.3, 9
 
 @dataclass(frozen=True, eq=False)
 class Surfels:
-    """One patch per occupied voxel."""
+    """Patches by occupied voxel."""
 
     points_m: Array  # (n, 3): mean of the voxel's points
     normals: Array  # (n, 3): unit normals, toward the air
@@ -54,7 +54,7 @@ def in_plants(points_m: Array, roughness: Array) -> Flags:
 
 
 def thin(points_m: Array, voxel_m: float) -> tuple[Array, Indices]:
-    """One mean point per voxel of a surface, and the index of each point's voxel, -1 for strays.
+    """Mean points by voxel of a surface, and the index of each point's voxel, -1 for strays.
 
     A voxel with far fewer points than its neighbours holds strays: mixed pixels hang between surfaces,
     thinly.
@@ -63,7 +63,7 @@ def thin(points_m: Array, voxel_m: float) -> tuple[Array, Indices]:
     mean = np.column_stack([np.bincount(index, points_m[:, axis]) / count for axis in range(3)])
     near = cKDTree(mean).query(mean, min(13, len(mean)))[1].reshape(len(mean), -1)
     near = near[:, 1:] if len(mean) > 1 else near
-    solid = count >= _STRAY_SHARE * np.median(count[near], axis=1)
+    solid = count >= _STRAY_FRACTION * np.median(count[near], axis=1)
     renumbered = np.where(solid, np.cumsum(solid) - 1, -1)
     return mean[solid], renumbered[index]
 
@@ -195,7 +195,7 @@ SAMPLED_POINTS = 2_000_000
 """More tell a screen no more."""
 _LEAST_SHARE = 0.75
 """Least share of the points that may be shown."""
-_COVERED_SHARE = 0.8
+_COVERED_FRACTION = 0.8
 """Share of the points that are no farther apart than a cloud's spacing."""
 LIGHT = np.array([-0.45, -0.6, 0.66])
 """Direction toward the light, from the upper left of one who looks north."""
@@ -243,7 +243,7 @@ def _spacing(points_m: Array) -> float:
     """Distance of the fourth neighbour of most points: what a point has to cover so that a surface looks closed."""
     some = points_m[:: max(1, len(points_m) // FEW_SAMPLED)]
     neighbour = min(4, len(points_m) - 1)
-    return float(np.quantile(cKDTree(points_m).query(some, neighbour + 1)[0][:, -1], _COVERED_SHARE))
+    return float(np.quantile(cKDTree(points_m).query(some, neighbour + 1)[0][:, -1], _COVERED_FRACTION))
 
 
 def around(points_m: Array, centre_m: Array, reach_m: float) -> Indices:

@@ -140,7 +140,7 @@ def ground(
 
 
 DEMO_ORIGIN_M = np.array([331_000.0, 3_777_000.0, 480.0])
-_MIXED_SHARE = 0.3
+_MIXED_FRACTION = 0.3
 """Share of the beams at a range jump whose footprint falls on both surfaces."""
 
 
@@ -214,7 +214,7 @@ def scan_from(
     finite = np.where(np.isfinite(ranges), ranges, 0.0)
     jump = np.abs(np.diff(finite, axis=1)) > 20 * range_noise_m + 0.01 * distance
     jump &= np.isfinite(ranges[:, 1:]) & np.isfinite(ranges[:, :-1])
-    mixed = jump & (rng.random(jump.shape) < _MIXED_SHARE)
+    mixed = jump & (rng.random(jump.shape) < _MIXED_FRACTION)
     share = rng.random(jump.shape)
     ranges[:, 1:] = np.where(mixed, share * finite[:, 1:] + (1 - share) * finite[:, :-1], ranges[:, 1:])
     seen = np.isfinite(ranges)
@@ -282,7 +282,7 @@ def _bush(truth: Truth, rng: np.random.Generator, count: int) -> Array:
 
 
 def cloud_of(stations: Sequence[Station], origin_m: Array) -> tuple[Cloud, NDArray[np.int8]]:
-    """One cloud of several stations, as if it had been read from files, and the truth's labels."""
+    """Cloud of several stations, as if it had been read from files, and the truth's labels."""
     points = np.concatenate([station.points_m for station in stations])
     number = np.repeat(np.arange(len(stations), dtype=np.int32), [len(s.points_m) for s in stations])
     files = tuple((f"station{k + 1}", len(s.points_m)) for k, s in enumerate(stations))

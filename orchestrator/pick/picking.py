@@ -108,7 +108,7 @@ class Picking:
 
     # Requests of a page, from any thread.
 
-    def say(self, user_hints: UserHints) -> None:
+    def set_hints(self, user_hints: UserHints) -> None:
         """Replace all hints."""
         self._set(_user_hints=user_hints, _wanted=self._wanted + 1, _error=None)
 

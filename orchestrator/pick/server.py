@@ -11,8 +11,8 @@ from typing import Any, cast
 
 import numpy as np
 
-from toppling.models.arrays import Array
 from toppling.models.errors import InputError
+from toppling.models.files.documents import NUMBER, check_shape
 from toppling.models.files.folder import refuse_existing
 from toppling.models.hidden_base.inspection import inspection_of
 from toppling.models.scan.hints_file import OF_READING, CloudHints
@@ -86,7 +86,7 @@ class _Answers(Answers):
             self.send(body, of_kind, _POLICY)
         elif kind == "state" and number.isascii() and number.isdigit() and len(number) < 10:
             picking.wait(int(number), _POLL_S)
-            self._say(picking.state())
+            self._send_json(picking.state())
         elif kind == "cloud" and number == str(picking.view.number):
             self.send(picking.view.content, _BYTES)
         else:
@@ -101,21 +101,21 @@ class _Answers(Answers):
         try:
             content = self._content()
             if asked == "detail":
-                spacing, points = self.server.picking.detail(
-                    _place(content, "at_m"), numbers([content.get("reach_m")], 1, "reach_m")[0]
-                )
+                check_shape(content, {"at_m": numbers(3), "reach_m": NUMBER}, "the page")
+                spacing, points = self.server.picking.detail(np.array(content["at_m"]), content["reach_m"])
                 self.send(struct.pack("<f", spacing) + points, _BYTES)
             else:
-                self._say(self._done(asked, content))
+                self._send_json(self._done(asked, content))
         except InputError as error:
             self.send(str(error).encode(), TEXT, status=HTTPStatus.BAD_REQUEST)
 
     def _done(self, asked: str, content: Any) -> dict[str, Any]:
         picking = self.server.picking
         if asked == "hints":
-            picking.say(UserHints.of(content))
+            picking.set_hints(UserHints.of(content))
         elif asked == "pick":
-            return picking.pick(*(_place(content, name) for name in ("at_m", "eye_m")))
+            check_shape(content, {"at_m": numbers(3), "eye_m": numbers(3)}, "the page")
+            return picking.pick(np.array(content["at_m"]), np.array(content["eye_m"]))
         elif asked == "save":
             picking.save()
         else:
@@ -135,13 +135,8 @@ class _Answers(Answers):
         except (ValueError, RecursionError) as error:
             raise _refused(f"is no JSON ({type(error).__name__})") from None
 
-    def _say(self, content: dict[str, Any]) -> None:
+    def _send_json(self, content: dict[str, Any]) -> None:
         self.send(json.dumps(content, allow_nan=False).encode(), _JSON)
-
-
-def _place(content: Any, name: str) -> Array:
-    """Three coordinates from a JSON object."""
-    return np.array(numbers(content.get(name) if isinstance(content, dict) else None, 3, name))
 
 
 def _refused(what: str) -> InputError:

@@ -1,8 +1,6 @@
 """Validation of a page's hints, which are untrusted, and the data that the page displays."""
 
 import dataclasses
-import sys
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, cast
 
@@ -10,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from toppling.models.arrays import Array, Indices, at_most
-from toppling.models.errors import refusals
-from toppling.models.files.documents import shown
-from toppling.models.files.given import LONGEST_NAME
+from toppling.models.errors import InputError
+from toppling.models.files.documents import TEXT, Kind, check_shape, choice, is_number, shown
 from toppling.models.hidden_base.inspection import LEAST_PLACES, Inspection, inspection_of
 from toppling.models.hidden_base.intervals import base_sentences, volume_text
 from toppling.models.lengths import METRES
@@ -27,11 +24,6 @@ _MOST_PLACES = 1000
 """Maximum number of places of each kind."""
 
 _Place = tuple[float, ...]
-
-_unusable = refusals(
-    expected="hints by the names of options: words (units, up), numbers (near, plane, length) or lists of numbers",
-    remedy="load the page again",
-)
 
 
 @dataclass(frozen=True)
@@ -59,27 +51,18 @@ class UserHints:
     @classmethod
     def of(cls, content: Any) -> "UserHints":
         """Hints from a page's JSON; InputError for unknown names, or values of a wrong type or length."""
-        if not isinstance(content, Mapping):
-            raise _unusable("hint.value_unusable", f"{shown(content)} is no table of hints", "the page")
-        values: dict[str, Any] = {}
-        for name, value in content.items():
-            if value is None and name in (*_ONE, *_WORDS, "length"):
-                continue
-            if name in _ONE:
-                values[name] = numbers(value, _ONE[name], name)
-            elif name == "length":
-                values[name] = _length(value)
-            elif name == "touch_only" and isinstance(value, bool):
-                values[name] = value
-            elif name in _WORDS:
-                values[name] = _word(value, _WORDS[name], name)
-            elif name in _MANY:
-                if not isinstance(value, list) or len(value) > _MOST_PLACES:
-                    raise _unusable("hint.value_unusable", f"{name} is {shown(value)}", "the page")
-                values[name] = tuple(numbers(place, _MANY[name], name) for place in value)
-            else:
-                raise _unusable("hint.unknown", f"{shown(name)} is no hint", "the page")
-        return cls(**values)
+        check_shape(content, _SHAPE, "the page")
+        if unknown := [name for name in content if f"{name}?" not in _SHAPE]:
+            raise InputError(
+                "hint.unknown",
+                f"{shown(unknown[0])} is no hint",
+                where="the page",
+                expected=f"hints by the names of options: {', '.join(cls.__dataclass_fields__)}",
+                remedy="load the page again",
+            )
+        if content.get("up"):
+            upward(content["up"])
+        return cls(**{name: _as_tuple(value) for name, value in content.items()})
 
     @property
     def of_the_cloud(self) -> "UserHints":
@@ -108,39 +91,43 @@ class UserHints:
         return inspection_of(None, pulls, self.touch, self.daylight, self.base, self.touch_only)
 
 
-_ONE = {"near": 2, "plane": 5}
-_MANY = {"point": 3, "outline": 3, "touch": 3, "daylight": 3, "pull": 2}
-"""Number of coordinates of each place or value, by the hint's name."""
+def numbers(count: int) -> Kind:
+    """Kind of a list of finite numbers."""
+    return Kind(
+        f"a list of {count} numbers",
+        lambda value: isinstance(value, list) and len(value) == count and all(map(is_number, value)),
+    )
 
 
-_WORDS = {"units": tuple(METRES), "up": (), "base": KINDS}
-"""Allowed words of each hint; the upward axis is checked by its parser."""
+def _places(count: int) -> Kind:
+    place = numbers(count)
+    return Kind(
+        f"up to {_MOST_PLACES} lists of {count} numbers",
+        lambda value: isinstance(value, list) and len(value) <= _MOST_PLACES and all(map(place.holds, value)),
+    )
 
 
-def _word(value: Any, among: tuple[str, ...], name: str) -> str:
-    if not isinstance(value, str) or len(value) > LONGEST_NAME or (among and value not in among):
-        raise _unusable("hint.value_unusable", f"{name} is {shown(value)}", "the page")
-    if name == "up":
-        upward(value)
-    return value
+_LENGTH = Kind(
+    "two places and the length between them",
+    lambda value: (
+        isinstance(value, list) and len(value) == 3
+        and all(map(numbers(3).holds, value[:2])) and is_number(value[2])
+    ),
+)  # fmt: skip
+_SHAPE = {
+    "units?": choice(*METRES).or_null(), "up?": TEXT.or_null(), "length?": _LENGTH.or_null(),
+    "near?": numbers(2).or_null(), "plane?": numbers(5).or_null(), "point?": _places(3), "outline?": _places(3),
+    "touch?": _places(3), "daylight?": _places(3), "pull?": _places(2), "base?": choice(*KINDS).or_null(),
+    "touch_only?": Kind("true or false", lambda value: isinstance(value, bool)),
+}  # fmt: skip
+"""Kinds of the hints; the upward axis is checked by its parser."""
 
 
-def _length(value: Any) -> tuple[_Place, _Place, float]:
-    if not isinstance(value, list) or len(value) != 3:
-        raise _unusable("hint.value_unusable", f"length is {shown(value)}", "the page")
-    start, end = (numbers(place, 3, "length") for place in value[:2])
-    return start, end, numbers(value[2:], 1, "length")[0]
-
-
-def numbers(value: Any, count: int, name: str) -> _Place:
-    """Parse a list of `count` finite numbers; InputError for anything else."""
-    good = isinstance(value, list) and len(value) == count
-    # NaN compares as false, and huge integers compare without conversion to float.
-    if not good or not all(
-        type(number) in (int, float) and abs(number) <= sys.float_info.max for number in value
-    ):
-        raise _unusable("hint.value_unusable", f"{name} is {shown(value)}", "the page")
-    return tuple(float(number) for number in value)
+def _as_tuple(value: Any) -> Any:
+    """Lists as tuples, and numbers as floats."""
+    if isinstance(value, list):
+        return tuple(map(_as_tuple, value))
+    return float(value) if is_number(value) else value
 
 
 _AROUND_HEIGHTS = 0.4

@@ -12,5 +12,5 @@ def unseen(*_: Any, **__: Any) -> None:
 
 
 def paths_of(given: str | Path | Sequence[str | Path]) -> tuple[Path, ...]:
-    """One path or several."""
+    """Paths of a single path or a sequence."""
     return tuple(map(Path, [given] if isinstance(given, str | Path) else given))

@@ -16,7 +16,7 @@ from toppling.models.files.table import is_numeral
 from toppling.models.motions.measures import COMPARED
 from toppling.orchestrator.public import paths_of, unseen
 from toppling.orchestrator.public import rocks as asked_rocks
-from toppling.orchestrator.public.rocks import Jobs, measures_shared, names_of, refuse_twins, standing_rock
+from toppling.orchestrator.public.rocks import Jobs, common_measures, names_of, refuse_twins, standing_rock
 from toppling.orchestrator.recorded import read_recorded
 from toppling.results.analysis.constraint import Constraint
 from toppling.results.analysis.exchange import read_surface
@@ -204,7 +204,7 @@ def read_tree(texts: Sequence[str], asked: HazardQuestion, rocks: Sequence[str] 
     paths, weights = _weighted_paths(texts)
     trees = read_hazard(paths, weights, Hints(asked.site, asked.measure, asked.years))
     where = texts[0] if len(texts) == 1 else "--hazard"
-    measure = asked.measure or _shared_measure([tree.measure for tree in trees], rocks, "--hazard")
+    measure = asked.measure or _common_measure([tree.measure for tree in trees], rocks, "--hazard")
     chosen = chosen_tree(trees, measure, asked.site, where)
     if isinstance(asked.site, tuple) and chosen.site is None:
         raise UsageError(
@@ -217,7 +217,7 @@ def read_tree(texts: Sequence[str], asked: HazardQuestion, rocks: Sequence[str] 
     return chosen.stronger(asked.ratio) if asked.ratio != 1.0 else chosen
 
 
-def _shared_measure(stated: Sequence[str], rocks: Sequence[str], where: str) -> str:
+def _common_measure(stated: Sequence[str], rocks: Sequence[str], where: str) -> str:
     """Measure common to a hazard and the rocks' fragilities: the first of the defaults, then of the rocks' order."""
     for name in (*_DEFAULT_MEASURES, *rocks):
         if name in stated and name in rocks:
@@ -262,8 +262,8 @@ def _of_set(question: Question) -> tuple[EventSet, tuple[str, ...]]:
     asked, path = question.asked, question.event_set
     assert path is not None
     events = read_events(path, asked.ratio, question.events.event_rate, question.events.catalogue_years)
-    shared = measures_shared(question.paths)
-    measures = asked.measures or (_shared_measure(events.measures, shared, events.source),)
+    shared = common_measures(question.paths)
+    measures = asked.measures or (_common_measure(events.measures, shared, events.source),)
     if len(measures) > 1 and not events.correlated:
         raise InputError(
             "events.residuals_independent",
@@ -591,7 +591,7 @@ def _answer(
 
 
 def _per_rock(paths: Sequence[Path], values: list[Any]) -> list[Any]:
-    """One value per rock: a single value is repeated."""
+    """Values per rock: a single value is repeated."""
     return values * len(paths) if len(values) == 1 else values
 
 
@@ -617,7 +617,7 @@ def _by_curves(
 ) -> RockStatement:
     """Statement on a single event, on rates, or under hazard curves."""
     paths, asked, dates = question.paths, question.asked, question.dates
-    tree = read_tree(question.hazard, asked, asked_rocks.measures_shared(paths)) if question.hazard else None
+    tree = read_tree(question.hazard, asked, asked_rocks.common_measures(paths)) if question.hazard else None
     rocks_apart_km = asked_rocks.apart_km(paths, tree)
     over = tree.measure if tree else asked.measure or "pgv_m_s"
     standing = [

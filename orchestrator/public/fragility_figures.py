@@ -92,7 +92,6 @@ def fragility(
     *,
     where: str | None = None,
     trusted: bool = False,
-    weighted: bool = True,
     directions: int = maps.DIRECTION_BINS,
     sector: tuple[float | str, float | str] | None = None,
     fit: bool = False,
@@ -108,8 +107,6 @@ def fragility(
         Folder; `fragility` in the run's unless given.
     where : str or None
         Only jobs for which this SQL condition holds, which may read files if it is trusted.
-    weighted : bool
-        Count records and bases by their weights.
     directions : int
         Direction bins.
     sector : (float or str, float or str) or None
@@ -125,8 +122,8 @@ def fragility(
     InputError
         If the folder is no run, or no job has an answer.
     """
-    opened = run if isinstance(run, Run) else open_run(run)
-    jobs = _jobs(opened, where, trusted=trusted, weighted=weighted)
+    opened = open_run(run)
+    jobs = _jobs(opened, where, trusted=trusted)
     done, quasi_static, audits = opened.completeness(), opened.quasi_static(), audits_of(opened)
     within = (azimuth_of(sector[0]), azimuth_of(sector[1])) if sector else least_sector(quasi_static)
     planes = maps.planes_of(jobs)
@@ -166,8 +163,8 @@ def _curves_in(folder: Path, contacts: Iterable[str]) -> dict[str, dict[str, Log
     return {name: read_curves(path) if path.exists() else {} for name, path in files.items()}
 
 
-def _jobs(run: Run, where: str | None, *, trusted: bool, weighted: bool) -> pd.DataFrame:
-    """Selected rows; InputError if none has an answer."""
+def _jobs(run: Run, where: str | None, *, trusted: bool) -> pd.DataFrame:
+    """Selected, weighted rows; InputError if none has an answer."""
     if run.rocks:
         raise InputError(
             "run.several_rocks",
@@ -176,9 +173,7 @@ def _jobs(run: Run, where: str | None, *, trusted: bool, weighted: bool) -> pd.D
             expected="one rock",
             remedy="ask each of its rocks: fragility(one) for one in open_run(...).rocks",
         )
-    jobs = run.frame(where, trusted=trusted)
-    if weighted:
-        jobs = run.weighted(jobs)
+    jobs = run.weighted(run.frame(where, trusted=trusted))
     if not jobs["toppled"].notna().any():
         what = f"{len(jobs)} jobs, none with an answer"
         raise InputError(

@@ -36,7 +36,7 @@ def query(
         If DuckDB refuses the query, or it would pool different experiments.
     """
     several = [runs] if isinstance(runs, Run | str | Path) else runs
-    return ask([_opened(run) for run in several], sql, trusted=trusted)
+    return ask([open_run(run) for run in several], sql, trusted=trusted)
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ def report(
             expected="an age, which turns rates into probabilities",
             remedy="give the age too: --age 15000..30000, or age='15000..30000' in Python",
         )
-    opened = _opened(run)
+    opened = open_run(run)
     target = Path(out) if out else place_in(opened.path, "report.html")
     tree = read_tree(tuple(hazard), HazardQuestion(site, ratio, measure, years)) if hazard else None
     apart_km([opened.path], tree)
@@ -136,7 +136,3 @@ def _of_many(atlas: Run, target: Path, samples: int, advance: Callable[..., None
 
     rocks, shared = compare_rocks(atlas.rocks, HEADLINE_MEASURE, samples, advance=advance)
     return gallery_page(atlas.name, [atlas], rocks, shared, HEADLINE_MEASURE, target.parent, advance)
-
-
-def _opened(run: Run | str | Path) -> Run:
-    return run if isinstance(run, Run) else open_run(run)

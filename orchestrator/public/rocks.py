@@ -35,7 +35,7 @@ class Jobs:
 
     frame: pd.DataFrame
     weights: Weights | None
-    completeness: Completeness | None
+    completeness: Completeness
     scan: dict[str, Any]  # report of the scan of the rock
 
 
@@ -92,7 +92,7 @@ def apart_km(paths: Sequence[Path], hazard: HazardTree | None) -> float:
     return max((km for km, _, name in far if name in places), default=0.0)
 
 
-def measures_shared(rocks: Sequence[Path]) -> list[str]:
+def common_measures(rocks: Sequence[Path]) -> list[str]:
     """Measures for which all files of curves have a fragility; a run may have all of `COMPARED`."""
     stated = [[*read_curves(path)] if not path.is_dir() else [*COMPARED] for path in rocks]
     ordered = dict.fromkeys([*COMPARED, *stated[0]])
@@ -155,7 +155,7 @@ def read_jobs(path: Path, where: str | None, trusted: bool, recorded: Recorded |
     if recorded:
         weights = _weighed(path, bare, recorded, weights)
         jobs = run.weighted(bare, weights)
-    return Jobs(jobs, weights, run.completeness() if run.planned() else None, run.scene_report())
+    return Jobs(jobs, weights, run.completeness(), run.scene_report())
 
 
 def _weighed(path: Path, jobs: pd.DataFrame, recorded: Recorded, own: Weights | None) -> Weights:

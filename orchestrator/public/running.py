@@ -58,7 +58,7 @@ class Planned(Described):
 
     @property
     def jobs(self) -> pa.Table:
-        """One row per job: id, record, level (m/s2), azimuth (degrees), friction, restitution and realisation."""
+        """Rows of the jobs: id, record, level (m/s2), azimuth (degrees), friction, restitution and realisation."""
         return self.plan.jobs
 
     def _facts(self) -> dict[str, object]:
@@ -93,7 +93,7 @@ def plan(campaign: Campaign | str | Path) -> Planned:
     return Planned(chosen, planned, scene, settling, warnings)
 
 
-class CarriedOut(Run):
+class FinishedRun(Run):
     """A run, open for reading, after a session that has finished.
 
     Parameters
@@ -119,7 +119,7 @@ def run(
     limits: Limits = USUAL_LIMITS,
     again: Collection[str] = (),
     take_over: bool = False,
-) -> CarriedOut:
+) -> FinishedRun:
     """Execute or resume a campaign, including its audit, as `toppling run` does.
 
     Parameters
@@ -151,7 +151,7 @@ def run(
         If the run cannot continue; stored rows are kept, and the same call resumes it.
     """
     from toppling.orchestrator.cluster import existing, local
-    from toppling.orchestrator.run import run as carry_out
+    from toppling.orchestrator.run import run as execute
 
     chosen = campaign if isinstance(campaign, Campaign) else Campaign.read(campaign)
     folder = at_hand(out)
@@ -163,5 +163,5 @@ def run(
             check_writer()
             watch(progress)
 
-        session = carry_out(plan_of(chosen), folder, where, watching, limits, again)
-    return CarriedOut(folder, session)
+        session = execute(plan_of(chosen), folder, where, watching, limits, again)
+    return FinishedRun(folder, session)

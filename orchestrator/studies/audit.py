@@ -23,7 +23,7 @@ from toppling.orchestrator.context import RunProgress, Work
 from toppling.orchestrator.execution import Execution
 from toppling.orchestrator.journal import log_event
 from toppling.orchestrator.plan import Plan
-from toppling.orchestrator.run_folder import describe, place_in
+from toppling.orchestrator.run_folder import place_in
 from toppling.orchestrator.task import versions
 from toppling.results import run_integrity, store
 from toppling.workers.engines import DEFAULT, ENGINES
@@ -162,7 +162,7 @@ def audit(work: Work, count: int, auditors: Sequence[_Auditor] | None = None) ->
 
 def check_versions(folder: Path) -> None:
     """Raise InputError if the run was made with another physics version, so that an audit would not be comparable."""
-    there, here = describe(folder)["versions"].get("physics"), dict(versions())["physics"]
+    there, here = run_integrity.run_document(folder)["versions"].get("physics"), dict(versions())["physics"]
     if there != here:
         raise InputError(
             "run.versions_differ",

@@ -17,7 +17,7 @@ from toppling.orchestrator.campaign import Campaign, TargetSpec
 from toppling.orchestrator.journal import log_event
 from toppling.orchestrator.plan import Plan, Rows
 from toppling.orchestrator.run_folder import set_jobs
-from toppling.results.analysis.lognormal import EVENT_SHARE, earthquakes
+from toppling.results.analysis.lognormal import EVENT_FRACTION, earthquakes
 from toppling.results.analysis.resampling import narrowed_by
 from toppling.results.precision.design import Pool, Rounds, Target, statement_of, write_statements
 from toppling.results.precision.probit import answers_of
@@ -34,11 +34,7 @@ class JobsForPrecision:
     """
 
     def __init__(
-        self,
-        planned: Plan,
-        folder: Path,
-        precision: float,
-        asked: TargetSpec | None = None,
+        self, planned: Plan, folder: Path, precision: float, asked: TargetSpec | None = None
     ) -> None:
         self.planned, self.folder = planned, folder
         self.statements: list[dict] = []
@@ -145,7 +141,7 @@ def borne_words(campaign: Campaign) -> str:
     catalog = Ensemble.load(campaign.ensemble).catalog.to_pandas()
     of_records = earthquakes(catalog[catalog["record_id"].isin(campaign.records or catalog["record_id"])])
     records, fractions = len(of_records), of_records.value_counts(normalize=True)
-    worth = 1.0 / (EVENT_SHARE * float((fractions**2).sum()) + (1.0 - EVENT_SHARE) / max(records, 1))
+    worth = 1.0 / (EVENT_FRACTION * float((fractions**2).sum()) + (1.0 - EVENT_FRACTION) / max(records, 1))
     borne = _target_of(campaign.target or TargetSpec()).borne_by(worth)
     if borne is None:
         return ""

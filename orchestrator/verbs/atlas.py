@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     "--measure", type=click.Choice(COMPARED), default=HEADLINE_MEASURE, metavar="MEASURE",
     help="Intensity measure of all fragilities, a column of the results.",
 )  # fmt: skip
-@option("--shared", "only_shared", is_flag=True, help="Use only the records and levels that all rocks share.")
+@option("--shared", "only_common", is_flag=True, help="Use only the records and levels that all rocks share.")
 @option("--reports", is_flag=True, help="Also write the report of each rock that has none.")
 @shared.samples_option(SAMPLES)
 @shared.json_option("Print the table as JSON.")
@@ -37,7 +37,7 @@ def atlas(
     runs: tuple[Path, ...],
     out: Path | None,
     measure: str,
-    only_shared: bool,
+    only_common: bool,
     reports: bool,
     samples: int,
     as_json: bool,
@@ -61,7 +61,7 @@ def atlas(
     if reports:
         _write_reports(of_rocks, samples)
     with bar("rocks", 2 * len(of_rocks)) as advance:
-        rocks, common = compare_rocks(of_rocks, measure, samples, only_shared=only_shared, advance=advance)
+        rocks, common = compare_rocks(of_rocks, measure, samples, only_common=only_common, advance=advance)
         title = ", ".join(run.name for run in opened) if len(opened) < 4 else f"{len(opened)} runs"
         text = gallery_page(title, opened, rocks, common, measure, folder, advance)
     write_text(text, folder / "atlas.html")
@@ -81,7 +81,7 @@ def _rocks_of(opened: list[Run]) -> list[Run]:
     """Distinct rocks of some runs; InputError if one occurs twice."""
     found = [rock for run in opened for rock in (run.rocks or (run,))]
     ids = [run.scene_id() for run in found]
-    if twice := [name for name, count in Counter(filter(None, ids)).items() if count > 1]:
+    if twice := [name for name, count in Counter(ids).items() if count > 1]:
         raise InputError(
             "rock.given_twice",
             f"the rock of scene {twice[0]} is there twice",

@@ -36,7 +36,7 @@ def audit(run: Path, jobs: int, take_over: bool, as_json: bool, **where: Any) ->
     from toppling.orchestrator.dask_cluster import check_workers
     from toppling.orchestrator.journal import journal
     from toppling.orchestrator.plan import plan_of
-    from toppling.orchestrator.studies.audit import audit as carry_out
+    from toppling.orchestrator.studies.audit import audit as execute
     from toppling.orchestrator.studies.audit import check_versions, drawn
     from toppling.orchestrator.task import versions
     from toppling.orchestrator.terminal import watcher
@@ -67,7 +67,7 @@ def audit(run: Path, jobs: int, take_over: bool, as_json: bool, **where: Any) ->
     ):
         work = Work(planned, run.absolute(), versions(), client, watch, RunProgress(jobs, 0))
         check_workers(client, *work.run_keys)
-        carry_out(work, jobs)
+        execute(work, jobs)
     audits = audits_of(opened)
     if as_json:
         click.echo(json.dumps({"run": str(run), "preset": campaign.preset, **audits_json(audits)}))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from toppling.models.files.documents import MOST_SHOWN
-from toppling.orchestrator.cli import OneOf
+from toppling.orchestrator.cli import SuggestingChoice
 from toppling.orchestrator.terminal import bar
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.records import show_notes, show_table
@@ -35,7 +35,7 @@ _CHECK = "studies.seismograms.check"
 @of(_CHECK, "--missing-vertical")
 @of(_CHECK, "--range", "largest", type=click.FloatRange(1, 10), metavar="N")
 @of(_CHECK, "--neighbours", type=click.IntRange(0, 100))
-@of(_CHECK, "--preset", type=OneOf(list(PRESETS)))
+@of(_CHECK, "--preset", type=SuggestingChoice(list(PRESETS)))
 @option("--workers", type=click.IntRange(1), help="Of many rocks: processes. Default: one per core.")
 @option(
     "--out", type=click.Path(path_type=Path, file_okay=False),

@@ -59,7 +59,7 @@ def demo(out: Path, workers: int, seconds: float) -> None:
     began = time.monotonic()
     _clear(out)
     _make_scene(out)
-    _say(f"records: {_RECORDS} stochastic ground motions, M 6 to 8 at 5 to 100 km")
+    _print(f"records: {_RECORDS} stochastic ground motions, M 6 to 8 at 5 to 100 km")
     Ensemble.write(out / "ensemble", synthetic_ensemble(_RECORDS, _SEED))
     _plan(out, workers, seconds)
     failed = _run(out, workers)
@@ -87,16 +87,16 @@ def _make_scene(out: Path) -> None:
     from toppling.orchestrator.public.making import scan
     from toppling.orchestrator.verbs.scan import summary
 
-    _say("scan: ray-casting a rock like the one at Echo Cliffs from six stations")
+    _print("scan: ray-casting a rock like the one at Echo Cliffs from six stations")
     stations, _ = demo_scan(_SEED)
     folder = out / "scan"
     folder.mkdir(exist_ok=True)
     files = [folder / f"station{number}.ply" for number in range(1, len(stations) + 1)]
     for file, station in zip(files, stations, strict=True):
         write_ply(file, station.points_m, np.empty((0, 3), np.int64))
-    made = scan(files, out / "scene", advance=lambda _, stage: _say(f"scan: {stage}"))
+    made = scan(files, out / "scene", advance=lambda _, stage: _print(f"scan: {stage}"))
     points = sum(len(station.points_m) for station in stations)
-    _say(f"scan: of {points} points came {summary(made.scene, made.folder)}")
+    _print(f"scan: of {points} points came {summary(made.scene, made.folder)}")
 
 
 def _plan(out: Path, workers: int, seconds: float) -> None:
@@ -123,23 +123,24 @@ def _run(out: Path, workers: int) -> int:
     from toppling.orchestrator.public.running import run
     from toppling.orchestrator.terminal import watcher
 
-    _say(f"run: starting {workers} workers")
+    _print(f"run: starting {workers} workers")
     with watcher() as watch:
         progress = run(out / "campaign.toml", out / "run", workers=workers, watch=watch).session
-    _say(
+    _print(
         f"run: {progress.done} jobs, {progress.rate:.1f}/s, {progress.toppled} toppled, {progress.failed} unanswered"
     )
     return progress.failed
 
 
 def _draw(out: Path) -> list[Path]:
-    from toppling.results.analysis.fragility import PLANES
+    from toppling.results.analysis.fragility import planes_of
     from toppling.results.drawing.run_figures import write_maps
     from toppling.results.reader import open_run
 
-    _say("fragility: drawing")
-    planes = [PLANES["pga_pgv_pga"], PLANES["pga_pgv"]]
-    return list(write_maps(open_run(out / "run").frame(), out / "fragility", planes))
+    _print("fragility: drawing")
+    frame = open_run(out / "run").frame()
+    planes = planes_of(frame)
+    return list(write_maps(frame, out / "fragility", [planes["pga_pgv_pga"], planes["pga_pgv"]]))
 
 
 def _print_result(out: Path, figures: Iterable[Path], took_s: float) -> None:
@@ -162,5 +163,5 @@ def _print_result(out: Path, figures: Iterable[Path], took_s: float) -> None:
     click.echo(open_run(out / "run").sql(_QUERY).to_pandas().to_string(index=False, na_rep=""))
 
 
-def _say(line: str) -> None:
+def _print(line: str) -> None:
     click.echo(line, err=True)

@@ -10,7 +10,7 @@ from click.core import ParameterSource
 from toppling.models.errors import InputError, counted
 from toppling.orchestrator.terminal import bar
 from toppling.orchestrator.verbs import shared_options as shared
-from toppling.orchestrator.verbs.shared_options import of, option
+from toppling.orchestrator.verbs.shared_options import of
 from toppling.results.analysis import DIRECTION_BINS, HEADLINE_MEASURE, SAMPLES
 from toppling.results.reader import Run, open_run
 from toppling.results.weights import sentences
@@ -26,12 +26,11 @@ _DRAW = "public.fragility_figures.fragility"
 @of(_DRAW, "--out", type=shared.FOLDER)
 @of(_DRAW, "--where")
 @shared.trusted_option
-@option("--unweighted", is_flag=True, help="Ignore the weights of records and bases.")
 @of(_DRAW, "--directions", default=DIRECTION_BINS, type=click.IntRange(1, 72))
 @of(_DRAW, "--sector", type=(shared.AZIMUTH, shared.AZIMUTH), metavar="FROM TO")
 @of(_DRAW, "--fit")
 @shared.samples_option(SAMPLES)
-def fragility(run: Path, out: Path | None, unweighted: bool, **asked: Any) -> None:
+def fragility(run: Path, out: Path | None, **asked: Any) -> None:
     """Draw the fragility maps and curves of RUN (PNG, SVG), with the table behind each (CSV).
 
     Maps show the toppling probability over PGA and PGV/PGA, PGA and PGV, PGV and duration, and PGA and duration.
@@ -64,11 +63,11 @@ def fragility(run: Path, out: Path | None, unweighted: bool, **asked: Any) -> No
     if remark := opened.completeness().remark:
         click.echo(f"{run} is unfinished: {remark}")
     with bar("figures") as advance:
-        drawn = draw(opened, out, weighted=not unweighted, advance=advance, **asked)
-    _print_result(drawn, weighted=not unweighted)
+        drawn = draw(opened, out, advance=advance, **asked)
+    _print_result(drawn)
 
 
-def _print_result(drawn: "Fragility", *, weighted: bool) -> None:
+def _print_result(drawn: "Fragility") -> None:
     """Print what was written, and the results of fits and audits."""
     from toppling.results.analysis.fits import answered
     from toppling.results.analysis.fragility import by_contact, contact_words
@@ -93,7 +92,7 @@ def _print_result(drawn: "Fragility", *, weighted: bool) -> None:
                 click.echo(narrowed)
     for audit in drawn.audits.values():
         click.echo(audit.sentence)
-    if weighted and (weights := drawn.run.weights()):
+    if weights := drawn.run.weights():
         for sentence in sentences(weights.summary(jobs)):
             click.echo(sentence)
 

@@ -7,12 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from toppling.models.files.documents import finite
-from toppling.models.files.folder import new_file
 from toppling.models.files.table import plain_frame
-from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import of, option
 from toppling.results.reader import open_run
 
@@ -24,12 +21,9 @@ if TYPE_CHECKING:
 @click.argument("runs", nargs=-1, required=True, metavar="RUN... [SQL]")
 @option("--csv", "form", flag_value="csv", help="Print CSV.")
 @option("--json", "form", flag_value="json", help="Print a JSON array of rows.")
-@option("--parquet", type=shared.FILE, help="Write a Parquet file.")
 @of("public.reporting.query", "--trusted")
 @option("--describe", is_flag=True, help="Print every column with its unit and meaning.")
-def query(
-    runs: tuple[str, ...], form: str | None, parquet: Path | None, trusted: bool, describe: bool
-) -> None:
+def query(runs: tuple[str, ...], form: str | None, trusted: bool, describe: bool) -> None:
     """Query one or several runs in SQL (DuckDB), also during the run.
 
     The tables are results (one row per job), motions (one row per record) and scene (one row); if the campaign names
@@ -61,14 +55,11 @@ def query(
         for run in runs:
             if remark := open_run(run).completeness().remark:
                 click.echo(f"{run} is unfinished: {remark}", err=True)
-    if parquet:
-        with new_file(parquet) as hidden:
-            pq.write_table(table, hidden, compression="zstd")
     if form == "csv":
         click.echo(plain_frame(_frame(table)).to_csv(index=False), nl=False)
     elif form == "json":
         click.echo(json.dumps(finite(table.to_pylist()), indent=1, allow_nan=False, default=_plain))
-    elif not parquet:
+    else:
         click.echo(_readable(table))
 
 
@@ -92,4 +83,4 @@ def _readable(table: pa.Table) -> str:
     most = pd.get_option("display.max_rows")
     shown = _frame(table.slice(0, most)).to_string(index=False, na_rep="", max_colwidth=None)
     left = len(table) - most
-    return f"{shown}\n({left} more rows: --csv, --json or --parquet FILE give all)" if left > 0 else shown
+    return f"{shown}\n({left} more rows: --csv or --json gives all)" if left > 0 else shown

@@ -10,7 +10,7 @@ import click
 from toppling.models.errors import InputError, counted
 from toppling.models.files.documents import MOST_SHOWN
 from toppling.models.files.folder import instead
-from toppling.orchestrator.cli import OneOf, Verbs
+from toppling.orchestrator.cli import SuggestingChoice, Verbs
 from toppling.orchestrator.terminal import bar
 from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import option
@@ -27,13 +27,12 @@ if TYPE_CHECKING:
 @option("--magnitude", type=float, nargs=2, metavar="LOW HIGH", help="Least and largest.")
 @option("--distance", "distance_km", type=float, nargs=2, metavar="LOW HIGH", help="Least and largest, km.")
 @option("--event", help="Part of the name of the event.")
-@option("--components", type=click.IntRange(2, 3), default=2, help="Least number of components.")
 @option(
     "--per-event", "most_per_event", type=click.IntRange(min=0), default=0,
     help="Largest number of records per event; the nearest are kept.",
 )  # fmt: skip
 @option(
-    "--quality", multiple=True, type=OneOf(["corrected", "processed", "drifting", "sound", "uncorrected",
+    "--quality", multiple=True, type=SuggestingChoice(["corrected", "processed", "drifting", "sound", "uncorrected",
     "made"]),
     help="Only records of this quality; repeatable.",
 )  # fmt: skip
@@ -418,12 +417,8 @@ def show(ensemble: Path, figure: Path | None, as_json: bool) -> None:
 @shared.ensemble_out
 @option("--count", type=click.IntRange(min=1), default=140)
 @option("--seed", type=int, default=1)
-@option(
-    "--pulse-share", type=click.FloatRange(0, 1), default=0.15,
-    help="Share of records with near-fault pulses.",
-)  # fmt: skip
 @shared.replace_option
-def synthesise(out: Path, count: int, seed: int, pulse_share: float, replace: bool) -> None:
+def synthesise(out: Path, count: int, seed: int, replace: bool) -> None:
     """Make an ensemble of synthetic records.
 
     Its statistics are printed beside their targets.
@@ -438,7 +433,7 @@ def synthesise(out: Path, count: int, seed: int, pulse_share: float, replace: bo
 
     _refuse_existing_ensemble(out, replace)
     with bar("making", count) as advance:
-        made = synthetic_ensemble(count, seed, pulse_share, advance)
+        made = synthetic_ensemble(count, seed, advance=advance)
     Ensemble.write(out, made)
     for line in against_targets(made):
         click.echo(line)

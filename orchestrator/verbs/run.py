@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from toppling.models.errors import InputError
-from toppling.models.files.stores import named
 from toppling.orchestrator.dispatch import Limits
 from toppling.orchestrator.interrupt import INTERRUPTED, signals_as_stop
 from toppling.orchestrator.processes import started_ahead
@@ -28,7 +27,7 @@ if TYPE_CHECKING:
     from distributed import Client
 
     from toppling.orchestrator.campaign import Campaign
-    from toppling.orchestrator.public.running import CarriedOut
+    from toppling.orchestrator.public.running import FinishedRun
 
 FAILED_JOBS = 3
 """Exit code of a complete run with jobs without an answer."""
@@ -79,7 +78,6 @@ def _precision(context: click.Context, parameter: click.Parameter, value: str | 
     help="End as soon as the shaking at which half topple is known to within SHARE (95 %), such as 5%; with the "
     "campaign's target, if it has one.",
 )  # fmt: skip
-@option("--performance-report", "report", type=shared.FILE, help="Write Dask's performance report (HTML).")
 @shared.take_over_option
 @shared.json_option("Print the summary as JSON.")
 def run(
@@ -90,7 +88,6 @@ def run(
     tries: int,
     again: list[str],
     precision: float | None,
-    report: Path | None,
     take_over: bool,
     as_json: bool,
     **where: Any,
@@ -128,21 +125,13 @@ def run(
     asked: dict[str, Any] = {"limits": limits, "again": again, "take_over": take_over}
     complete = (folder / RESULTS_FILE).exists() and not again
     with started_ahead(0 if complete else local_workers(where)):
-        _run(chosen, folder, where, report, asked, as_json=as_json)
+        _run(chosen, folder, where, asked, as_json=as_json)
 
 
 def _run(
-    chosen: "Campaign",
-    folder: Path,
-    where: dict[str, Any],
-    report: Path | None,
-    asked: dict[str, Any],
-    *,
-    as_json: bool,
+    chosen: "Campaign", folder: Path, where: dict[str, Any], asked: dict[str, Any], *, as_json: bool
 ) -> None:
     """Execute the campaign and print the result; contains slow imports."""
-    from toppling.orchestrator.cluster import reported
-
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
     cluster = cluster_of(folder, **where)
     if chosen.precision:
@@ -151,7 +140,7 @@ def _run(
         click.echo(borne_words(chosen), err=True)
     elif not (folder.exists() or chosen.sites):
         _warn(chosen)
-    shaken = _carry_out(chosen, folder, reported(cluster, report), asked)
+    shaken = _execute(chosen, folder, cluster, asked)
     _print_result(chosen, folder, shaken, as_json=as_json)
 
 
@@ -181,17 +170,17 @@ def _refuse_moved(chosen: "Campaign", campaign: Path, folder: Path) -> None:
     )
 
 
-def _carry_out(
+def _execute(
     chosen: "Campaign", folder: Path, cluster: AbstractContextManager["Client"], asked: dict[str, Any]
-) -> "CarriedOut":
+) -> "FinishedRun":
     """Do the jobs; if that ends early, say how to resume the run."""
     from toppling.orchestrator.context import RunError
-    from toppling.orchestrator.public.running import run as carry_out
+    from toppling.orchestrator.public.running import run as execute
     from toppling.orchestrator.terminal import watcher
 
     try:
         with signals_as_stop(), watcher() as watch:
-            return carry_out(chosen, folder, cluster=cluster, watch=watch, **asked)
+            return execute(chosen, folder, cluster=cluster, watch=watch, **asked)
     except RunError as error:
         raise click.ClickException(f"{error}; {_GO_ON}") from None
     except OSError as error:
@@ -203,7 +192,7 @@ def _carry_out(
         sys.exit(INTERRUPTED)
 
 
-def _print_result(chosen: "Campaign", folder: Path, shaken: "CarriedOut", *, as_json: bool) -> None:
+def _print_result(chosen: "Campaign", folder: Path, shaken: "FinishedRun", *, as_json: bool) -> None:
     """Print what was done and the results; the exit code indicates jobs without an answer."""
     from toppling.orchestrator.advice import suggestions
     from toppling.orchestrator.status import level_counts, state_of
@@ -224,12 +213,15 @@ def _print_result(chosen: "Campaign", folder: Path, shaken: "CarriedOut", *, as_
     if as_json:
         click.echo(json.dumps(summary))
     else:
-        click.echo(
-            f"{named(folder)}: {progress.done} jobs done in {duration(progress.elapsed_s)} ({pace(progress.rate)}), "
-            f"{progress.before} done before; in all {state['toppled']} toppled, {state['failed']} failed"
+        now = f"{progress.done} jobs done in {duration(progress.elapsed_s)} ({pace(progress.rate)}), "
+        done = (
+            f"{now}{progress.before} done before"
+            if progress.done
+            else f"all {progress.before} jobs done before"
         )
+        click.echo(f"{folder}: {done}; in all {state['toppled']} toppled, {state['failed']} failed")
         if state["failed"]:
-            click.echo(f"why some failed: toppling status {shlex.quote(named(folder))}")
+            click.echo(f"why some failed: toppling status {shlex.quote(str(folder))}")
         for sentence in [*state["statement_sentences"], *state["audit_sentences"], *state["stood_sentences"]]:
             click.echo(sentence)
         if unphysical:
@@ -238,6 +230,6 @@ def _print_result(chosen: "Campaign", folder: Path, shaken: "CarriedOut", *, as_
             click.echo(f"to do them again, add to the command: --again {','.join(state['again'])}")
         for sentence in advice:
             click.echo(sentence)
-        click.echo(f"next: toppling {'atlas' if chosen.sites else 'fragility'} {shlex.quote(named(folder))}")
+        click.echo(f"next: toppling {'atlas' if chosen.sites else 'fragility'} {shlex.quote(str(folder))}")
     if state["failed"]:
         sys.exit(FAILED_JOBS)

@@ -249,7 +249,7 @@ def _from_clouds(files: tuple[Path, ...], given: dict[str, Any]) -> "Scanned":
 
 
 def summary(scene: "Scene", out: Path) -> str:
-    """One line on the scanned rock and pedestal."""
+    """Line on the scanned rock and pedestal."""
     rock, pedestal = scene.rock, scene.pedestal
     east_m, north_m = rock.vertices_m[:, :2].max(axis=0) - rock.vertices_m[:, :2].min(axis=0)
     # Width and height together reveal different units of x, y and z.

@@ -20,7 +20,7 @@ import click
 from toppling.models.errors import InputError
 from toppling.models.files.table import is_numeral
 from toppling.models.frames import azimuth_of, degrees_of
-from toppling.orchestrator.cli import OneOf
+from toppling.orchestrator.cli import SuggestingChoice
 from toppling.orchestrator.interrupt import end_of_stop
 from toppling.results.hazard.places import SITE_REACH_KM
 from toppling.workers.options import PRESETS
@@ -120,7 +120,7 @@ take_over_option = option(
     "--take-over", is_flag=True,
     help="Go on with a run in an object store although another process, which was killed, still holds it.",
 )  # fmt: skip
-preset_option = option("--preset", type=OneOf(list(PRESETS)), default="standard")
+preset_option = option("--preset", type=SuggestingChoice(list(PRESETS)), default="standard")
 
 
 def json_option(text: str = "Print JSON.") -> _Decorator:
@@ -222,7 +222,12 @@ _OPTIONS = (
         help="Address of an existing scheduler, its file (of 'dask scheduler --scheduler-file'), or gateway://NAME of "
         "a cluster of Dask Gateway. Default: DASK_SCHEDULER_ADDRESS, if set.",
     ),
-    option("--queue", "queue_kind", type=OneOf(list(QUEUES)), help="Batch system to request workers from."),
+    option(
+        "--queue",
+        "queue_kind",
+        type=SuggestingChoice(list(QUEUES)),
+        help="Batch system to request workers from.",
+    ),
     option("--queue-jobs", type=_SpanType(), default="1", help="Batch jobs to submit; LOW..HIGH too."),
     option("--queue-name", "of_job_queue", help="Queue, or partition, of the batch system."),
     option("--queue-account", "of_job_account", help="Account that batch jobs are charged to."),

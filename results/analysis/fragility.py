@@ -96,16 +96,16 @@ def planes_of(frame: pd.DataFrame) -> dict[str, Plane]:
 def _coarse_enough(frame: pd.DataFrame, plane: Plane) -> Plane:
     """A plane with bins doubled, on the axis that helps more, until half of the jobs lie in cells that are not thin."""
     coarse = plane
-    while _sure_share(frame, coarse) < 0.5:
+    while _sure_fraction(frame, coarse) < 0.5:
         x, y = _doubled(coarse.x, frame), _doubled(coarse.y, frame)
         wider = [other for other in (replace(coarse, x=x), replace(coarse, y=y)) if other != coarse]
         if not wider:
             return plane
-        coarse = max(wider, key=lambda other: _sure_share(frame, other))
+        coarse = max(wider, key=lambda other: _sure_fraction(frame, other))
     return coarse
 
 
-def _sure_share(frame: pd.DataFrame, plane: Plane) -> float:
+def _sure_fraction(frame: pd.DataFrame, plane: Plane) -> float:
     table = cells(frame, plane)
     return float(table.loc[~table["thin"], "jobs"].sum() / max(table["jobs"].sum(), 1))
 
@@ -480,7 +480,7 @@ def topple_rose(frame: pd.DataFrame, petal_deg: float = 15.0) -> pd.DataFrame:
     })  # fmt: skip
 
 
-def sector_share(frame: pd.DataFrame, low_deg: float, high_deg: float) -> dict[str, float]:
+def sector_fraction(frame: pd.DataFrame, low_deg: float, high_deg: float) -> dict[str, float]:
     """Fraction of jobs that topple toward a sector, counter-clockwise from `low_deg` to `high_deg`.
 
     Returns dict: low_deg, high_deg, jobs (with an answer), toppled, toppled_within, share_of_jobs, share_of_toppled.

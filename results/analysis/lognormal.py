@@ -50,7 +50,7 @@ class Basis:
     @property
     def unfinished(self) -> str:
         """Remark that the run was not finished; empty where it was or this is unknown."""
-        return "" if self.jobs_done is None else Completeness(self.jobs_planned, self.jobs_done).remark
+        return "" if self.jobs_done is None else Completeness(self.jobs_planned or 0, self.jobs_done).remark
 
 
 @dataclass(frozen=True)
@@ -331,14 +331,14 @@ LEAST_RECORDS = 5
 """Minimum number of records for a bootstrap: resamples of fewer are too often identical."""
 
 
-EVENT_SHARE = 0.26
+EVENT_FRACTION = 0.26
 """Share of the earthquake in the variance of ln(PGV/PGA) of 143 real records of 40."""
 
 
 def earthquakes(jobs: pd.DataFrame) -> "pd.Series[str]":
     """Earthquake of each job's record, by which intervals count; the record where the earthquake is not known.
 
-    Records of one earthquake are alike in spectrum and duration (`EVENT_SHARE`), and intervals of 95 % that took them
+    Records of an earthquake are alike in spectrum and duration (`EVENT_FRACTION`), and intervals of 95 % that took them
     as independent held 79 to 88 %. Fewer earthquakes than `LEAST_RECORDS` do not show it: there the records count.
     """
     event = jobs.get("event", pd.Series("", jobs.index)).astype(object)

@@ -89,7 +89,7 @@ class RockResults:
 
 
 @dataclass(frozen=True)
-class Shared:
+class CommonJobs:
     """Records and levels that the jobs of several rocks have in common."""
 
     records: tuple[str, ...]  # records of identical content that shook all rocks
@@ -109,21 +109,21 @@ def compare_rocks(
     measure: str,
     samples: int = SAMPLES,
     *,
-    only_shared: bool = False,
+    only_common: bool = False,
     advance: Callable[[], object] = lambda: None,
-) -> tuple[list[RockResults], Shared]:
+) -> tuple[list[RockResults], CommonJobs]:
     """Rocks with their fragilities over one measure, and the records and levels that they have in common.
 
     runs: runs of one rock each.
     measure: column of the results.
     samples: bootstrap samples of records.
-    only_shared: fit only jobs with common records at common levels.
+    only_common: fit only jobs with common records at common levels.
     advance: called after each rock.
-    Raises InputError with `only_shared` if the rocks have nothing in common.
+    Raises InputError with `only_common` if the rocks have nothing in common.
     """
     chosen = [_chief(run) for run in runs]
-    shared = _shared([jobs for _, jobs in chosen], runs)
-    if only_shared and not (shared.records and shared.levels_m_s2):
+    shared = _common_jobs([jobs for _, jobs in chosen], runs)
+    if only_common and not (shared.records and shared.levels_m_s2):
         remedy = "leave --shared out, or compare rocks of one campaign"
         raise InputError(
             "atlas.nothing_shared",
@@ -135,7 +135,7 @@ def compare_rocks(
     found = []
     for run, (contact, jobs) in zip(runs, chosen, strict=True):
         used = jobs
-        if only_shared:
+        if only_common:
             used = jobs[
                 jobs["record_id"].isin(shared.records) & jobs["level_pga_m_s2"].isin(shared.levels_m_s2)
             ]
@@ -153,7 +153,7 @@ def _chief(run: Run) -> tuple[str, pd.DataFrame]:
     return contact_words(jobs, frame), jobs
 
 
-def _shared(of_rocks: Sequence[pd.DataFrame], runs: Sequence[Run]) -> Shared:
+def _common_jobs(of_rocks: Sequence[pd.DataFrame], runs: Sequence[Run]) -> CommonJobs:
     known = [frame for frame in of_rocks if not frame.empty]
     contents = []
     for run, frame in zip(runs, of_rocks, strict=True):
@@ -164,7 +164,7 @@ def _shared(of_rocks: Sequence[pd.DataFrame], runs: Sequence[Run]) -> Shared:
         contents.append({(name, sha.get(name, "")) for name in frame["record_id"].unique()})
     levels = [set(frame["level_pga_m_s2"].unique()) for frame in known]
     records: set[tuple[str, str]] = set.intersection(*contents) if contents else set()
-    return Shared(
+    return CommonJobs(
         tuple(sorted(name for name, _ in records)),
         tuple(sorted(set.intersection(*levels))) if levels else (),
         len(set().union(*contents)),

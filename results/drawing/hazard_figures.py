@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from toppling.models.arrays import Array
 from toppling.models.files.documents import MOST_NAMED, MOST_SHOWN
 from toppling.results.analysis.constraint import Constraint
-from toppling.results.drawing.sentences import ages_words, share_words
+from toppling.results.drawing.sentences import ages_words, percent
 from toppling.results.drawing.style import (
     COLOURS,
     FULL_WIDTH_IN,
@@ -111,7 +111,7 @@ def _draw_named(
         if verdicts is not None:
             row = verdicts.iloc[number]
             judged = "inconsistent" if row["inconsistent"] else "consistent"
-            verdict = f": survival {share_words(row['survival'])}, {judged}"
+            verdict = f": survival {percent(row['survival'])}, {judged}"
         axes.plot(
             branch.curve.intensity, branch.curve.annual_rate, ("-", "--", "-.", ":")[number % 4],
             color=colours[number], lw=1.3, label=name + verdict,

@@ -33,7 +33,7 @@ def rose_figure(
 
     rose: from `analysis.directions.topple_rose`.
     quasi_static: `Run.quasi_static`.
-    sector: from `analysis.directions.sector_share`, reported in the title.
+    sector: from `analysis.directions.sector_fraction`, reported in the title.
     width_in: width of the figure; panels side by side at full width, stacked at less.
     """
     in_row = width_in >= FULL_WIDTH_IN

@@ -25,7 +25,7 @@ from toppling.results.analysis.fragility import (
     cells,
     compare_frictions,
     contact_words,
-    sector_share,
+    sector_fraction,
     topple_rose,
     unplaced,
 )
@@ -253,7 +253,7 @@ def write_directions(
         yield write_csv(rose, target / "directions.csv")
         (target / "sector.csv").unlink(missing_ok=True)
         if sector_deg is not None:
-            sector = sector_share(jobs, *sector_deg)
+            sector = sector_fraction(jobs, *sector_deg)
             yield write_csv(pd.DataFrame([sector]), target / "sector.csv")
         yield from save(rose_figure(rose, quasi_static, sector), target / "directions", _remark(run))
 

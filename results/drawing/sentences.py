@@ -27,7 +27,7 @@ def what_topples(curve: Lognormal, contact: str, single_base: bool) -> str:
         share = float(curve.probability(strongest))
         return (
             "The shaking that topples the rock in one case in two lies beyond what was run: the strongest had a "
-            f"{name} of {digits(strongest)} {unit}, where {share_words(share)} topple ({rested})."
+            f"{name} of {digits(strongest)} {unit}, where {percent(share)} topple ({rested})."
         )
     half, twentieth = (within(curve.intensity(share), *curve.shaken) for share in (0.5, 0.05))
     return (
@@ -88,12 +88,12 @@ def answer(statement: dict[str, Any]) -> list[str]:
             if several
             else f"The hazard is {'inconsistent' if out else 'consistent'} with {standing} {at}: survival is"
         )
-        return [f"{verdict} {share_words(best['survival'])}{drawn}.", _allowed(statement)]
-    weight = f", with {share_words(counts['weight_inconsistent'])} of the prior weight" if out else ""
+        return [f"{verdict} {percent(best['survival'])}{drawn}.", _allowed(statement)]
+    weight = f", with {percent(counts['weight_inconsistent'])} of the prior weight" if out else ""
     first = (
         f"{out or 'None'} of the {len(alive)} branches {'are' if out > 1 else 'is'} inconsistent with {standing} "
-        f"{at}{weight}: survival is {share_words(counts['survival_mean_of_branches'])} on average, "
-        f"{share_words(min(alive))} to {share_words(max(alive))} by branch."
+        f"{at}{weight}: survival is {percent(counts['survival_mean_of_branches'])} on average, "
+        f"{percent(min(alive))} to {percent(max(alive))} by branch."
     )
     before, after = (f"{counts[f'effective_branches_{when}']:.3g}" for when in ("prior", "posterior"))
     weighed = f"The branch set counts as {before} equal branches by its prior weights, {after} by the posterior ones."
@@ -133,9 +133,8 @@ def _fall(statement: dict[str, Any]) -> str:
         unit, measure = printed_unit(statement["measure"]), short_name(statement["measure"])
         change = row["level_change_percent"]
         goes = "stays at" if abs(change) < 0.5 else "falls from" if change < 0 else "rises from"
-        spread = "" if None in (row["level_posterior_p05"], row["level_posterior_p95"]) else (
-            f" (5-95 %: {row['level_posterior_p05']:.3g} to {row['level_posterior_p95']:.3g})"
-        )  # fmt: skip
+        least, most = (digits(row[f"level_posterior_{end}"]) for end in ("p05", "p95"))
+        spread = f" (5-95 %: {least} to {most})" if least and most and least != most else ""
         level = f"{after:.3g} {unit}" if goes == "stays at" else f"{before:.3g} to {after:.3g} {unit}"
         low, high = (digits(row[f"level_posterior_mean_{end}"]) for end in ("low", "high"))
         others = f"; it would be {low} to {high} with {_varying(statement)} (95 %)" if low != high else ""
@@ -153,7 +152,7 @@ def _allowed(statement: dict[str, Any]) -> str:
     """Sentence on the largest factors by which the mean hazard, or the single curve, may be scaled."""
     of = statement["mean"]
     which = "the hazard" if len(statement["branches"]) == 1 else "the mean hazard"
-    least = share_words(1.0 - statement["confidence"])
+    least = percent(1.0 - statement["confidence"])
     if of["scale_factor"] is None:
         return f"However strong {which}'s motions were, survival would stay above {least}: there are too few events."
     allowed = "already too strong" if of["scale_factor"] < 1 else "compatible as it is"
@@ -175,13 +174,13 @@ def with_ends(row: dict[str, Any], name: str, words: Callable[[float], str] = di
     return f"{words(value)} ({words(low)} {upper}{level})"
 
 
-def share_words(share: float) -> str:
+def percent(share: float) -> str:
     """Format a probability or weight as percentage, without figures of one too small to matter."""
     return "less than 0.01 %" if 0.0 < share < 1e-4 else f"{100 * share:.3g} %"
 
 
 def _change(first: float, last: float) -> str:
-    return " to ".join(dict.fromkeys(map(share_words, (first, last))))
+    return " to ".join(dict.fromkeys(map(percent, (first, last))))
 
 
 def other_records(statement: dict[str, Any]) -> str:
@@ -218,7 +217,7 @@ def what_it_rests_on(statement: dict[str, Any], *, branches: bool = True) -> lis
         lost = max(sum(branch.get(name, 0.0) for name in _OUTSIDE) for branch in statement["branches"])
         if lost > 0.01:
             lines.append(
-                f"Up to {share_words(lost)} of a branch's toppling rate may lie outside its points: not counted."
+                f"Up to {percent(lost)} of a branch's toppling rate may lie outside its points: not counted."
             )
     lines += [
         *(_branch_lines(statement) if branches else ()),
@@ -368,7 +367,7 @@ def _branch_lines(statement: dict[str, Any]) -> list[str]:
             )
         lines.append(
             f"{branch['name']}: topples at {branch['toppling_rate']:.2e} a year, "
-            f"survival {share_words(branch['survival'])}, {verdict} at {100 * statement['confidence']:g} %{weights}"
+            f"survival {percent(branch['survival'])}, {verdict} at {100 * statement['confidence']:g} %{weights}"
         )
         if few:
             lines += [*_reserved(branch, statement), *_taken_at(branch)]
@@ -388,12 +387,12 @@ def _tree_lines(statement: dict[str, Any]) -> list[str]:
         if rows[0]["moved"] < LEAST_FRACTION:
             continue
         lines.append(
-            f"logic-tree level {level}: the rocks move {share_words(rows[0]['moved'])} of its weight ("
+            f"logic-tree level {level}: the rocks move {percent(rows[0]['moved'])} of its weight ("
             + ", ".join(f"{r['choice']} {_change(r['prior_weight'], r['posterior_weight'])}" for r in rows)
             + ")"
         )
     if parts := [part for part in statement.get("parts", ()) if (part["share"] or 0.0) >= LEAST_FRACTION]:
-        named = ", ".join(f"{share_words(part['share'])} is from {part['part']}" for part in parts)
+        named = ", ".join(f"{percent(part['share'])} is from {part['part']}" for part in parts)
         lines.append(f"Of the toppling rate, {named}.")
     return lines
 
@@ -420,7 +419,7 @@ def _reserved(branch: dict[str, Any], statement: dict[str, Any]) -> list[str]:
             lines.append(f"  {100 * share:.0f} % of its toppling rate may lie {where}: not counted")
     if branch.get("survival_least", 1.0) < least <= branch["survival"]:
         lines.append(
-            f"  including it, survival would be {share_words(branch['survival_least'])} and the branch "
+            f"  including it, survival would be {percent(branch['survival_least'])} and the branch "
             "inconsistent: give a curve that extends further"
         )
     return lines
@@ -455,6 +454,6 @@ def _event_lines(statement: dict[str, Any]) -> list[str]:
         )
     predicted = {row["left_out"]: row["survival_predicted"] for row in statement["left_out"]}
     return lines + [
-        f"Without {name}: the other rocks predict that it stands with {share_words(chance or 0.0)}"
+        f"Without {name}: the other rocks predict that it stands with {percent(chance or 0.0)}"
         for name, chance in predicted.items()
     ]

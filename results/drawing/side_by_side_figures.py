@@ -187,7 +187,7 @@ def scenarios_figure(rows: pd.DataFrame, matrix: pd.DataFrame) -> Figure:
         _draw_matrix(above, matrix, figure)
         places = [group[["longitude", "latitude"]].iloc[0] for _, group in placed]
         points = _across_date_line(np.array(places, float))
-        fractions = np.array([_share_as_they_are(group) for _, group in placed])
+        fractions = np.array([_unscaled_fraction(group) for _, group in placed])
         _frame_map(below, points)
         sizes, bare = _ring_sizes(points), np.isnan(fractions)
         below.scatter(points[bare, 0], points[bare, 1], sizes[bare], marker="x", color="0.4", lw=0.9)
@@ -201,7 +201,7 @@ def scenarios_figure(rows: pd.DataFrame, matrix: pd.DataFrame) -> Figure:
     return figure
 
 
-def _share_as_they_are(rows: pd.DataFrame) -> float:
+def _unscaled_fraction(rows: pd.DataFrame) -> float:
     """Fraction toppled of the unscaled seismograms with an answer; NaN where there is none."""
     known = rows["outcome"].isin(["stands", "moved", *TOPPLED_OUTCOMES])
     toppled = rows["outcome"].isin(TOPPLED_OUTCOMES)

@@ -19,7 +19,7 @@ from toppling.results.hazard.tree import HazardTree
 
 MEAN = "mean hazard"
 
-_SHARED = 128
+_CURVES_AT_ONCE = 128
 """Number of curves that are discretised to common events, which bounds memory for a tree of thousands."""
 
 Motions = Mapping[str, Array]
@@ -159,8 +159,8 @@ def events_of_tree(tree: HazardTree, rocks: Sequence[Standing], mean: HazardCurv
     medians = [rock.curve.median for rock in rocks]
     curves = [*tree.curves, mean]
     found: list[EventBranch] = []
-    for first in range(0, len(curves), _SHARED):
-        some = curves[first : first + _SHARED]
+    for first in range(0, len(curves), _CURVES_AT_ONCE):
+        some = curves[first : first + _CURVES_AT_ONCE]
         intensity, rates = events_of_curves(some, medians)
         motions = {tree.measure: intensity[:, None]}
         found += [EventBranch(curve.name, rate, motions) for curve, rate in zip(some, rates, strict=True)]
@@ -233,10 +233,7 @@ def joint_rate(first: HazardCurve, second: HazardCurve, scatter: float) -> tuple
     events = EventBranch(
         f"{first.name} with {second.name}",
         (part[stated, None] * weights / weights.sum()).ravel(),
-        {
-            first.measure: np.repeat(np.exp(x[stated]), _NODES)[:, None],
-            second.measure: values.reshape(-1, 1),
-        },
+        {first.measure: np.repeat(np.exp(x[stated]), _NODES)[:, None], second.measure: values.reshape(-1, 1)},
     )
     return events, misfit
 

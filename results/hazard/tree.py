@@ -26,7 +26,7 @@ FRACTILES = (0.05, 0.16, 0.5, 0.84, 0.95)
 
 @dataclass(frozen=True, eq=False)
 class Branch:
-    """One branch of a logic tree."""
+    """Branch of a logic tree."""
 
     name: str
     weight: float  # prior weight; those of a tree sum to 1

@@ -266,7 +266,7 @@ class Update:
 
     @cached_property
     def _judged(self) -> list[tuple[Exceedance, Statistics, Statistics | None]]:
-        """Each hazard, with its mean and fractiles under the prior and the posterior weights."""
+        """Hazards, with their means and fractiles under the prior and the posterior weights."""
         prior, new = self.events.prior, self.posterior
         return [
             (hazard, hazard.statistics(prior), None if new is None else hazard.statistics(new, after=True))

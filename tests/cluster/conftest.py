@@ -125,7 +125,7 @@ def whole(inputs, client, tmp_path_factory):
 
 
 @pytest.fixture
-def carry_out(campaign, client):
+def execute(campaign, client):
     def go(folder, watch=lambda progress: None, **options):
         return run(plan_of(campaign), folder, nullcontext(client), watch, **options)
 

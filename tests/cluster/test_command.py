@@ -94,6 +94,7 @@ def test_failures_of_earlier_sessions_still_make_exit_code_three(inputs, planned
     run = finished({3: ("crashed", 4)})
     again = within(*command(inputs, run))
     assert again.exit_code == 3, again.stderr
+    assert f"all {len(planned)} jobs done before; in all " in again.stdout
     assert "1 failed" in again.stdout
     assert "--again crashed" in again.stdout
     summary = json.loads(within(*command(inputs, run, "--again", "failed", "--json")).stdout)

@@ -69,7 +69,7 @@ def test_a_run_in_a_store_has_one_writer_and_resumes_after_a_takeover(
     result = toppling(*command, env=machine("second"), refused=True)
     owner = f"{socket.gethostname()}:{first.pid} since"
     assert f"{ADDRESS}: is written to by {owner}" in result
-    assert "running" in toppling("status", ADDRESS, env=machine("second"))
+    assert f"{ADDRESS}: running" in toppling("status", ADDRESS, env=machine("second"))
     os.killpg(first.pid, signal.SIGKILL)
     first.wait()
     faults.clear()

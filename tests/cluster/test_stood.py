@@ -29,7 +29,7 @@ from toppling.results.weights import WEIGHTS_FILE
 from toppling.workers.job import Assets, run_job
 
 WEIGHTS = pytest.approx([17.0 / 9.0, 1.0 / 9.0])
-"""Of a base on which the rock always stood, and one on which it never did."""
+"""Weights of a base on which the rock always stood, and of a base on which it never did."""
 
 
 def toppling(*words):

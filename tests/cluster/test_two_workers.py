@@ -47,7 +47,7 @@ def test_two_workers_give_the_rows_of_a_single_process_bit_for_bit(whole, undist
 
 
 def test_a_run_that_is_stopped_goes_on_where_it_was_and_killed_workers_cost_it_no_job(
-    carry_out, client, undisturbed, tmp_path, faults
+    execute, client, undisturbed, tmp_path, faults
 ):
     def stop_after_ten(progress):
         if progress.done >= 10:
@@ -55,7 +55,7 @@ def test_a_run_that_is_stopped_goes_on_where_it_was_and_killed_workers_cost_it_n
 
     faults.set(every=0.2)
     with pytest.raises(KeyboardInterrupt):
-        carry_out(tmp_path / "run", stop_after_ten)
+        execute(tmp_path / "run", stop_after_ten)
     stored = state_of(tmp_path / "run")["stored"]
     assert state_of(tmp_path / "run")["state"] == "interrupted"
     assert 10 <= stored < len(undisturbed)
@@ -71,7 +71,7 @@ def test_a_run_that_is_stopped_goes_on_where_it_was_and_killed_workers_cost_it_n
             # In the middle of its next batch: rows come as one ends, and a worker between two loses nothing.
             threading.Timer(0.7, os.kill, (pid, signal.SIGKILL)).start()
 
-    progress = carry_out(tmp_path / "run", kill)
+    progress = execute(tmp_path / "run", kill)
     assert len(killed) == 2
     assert progress.deaths >= 1
     assert (progress.before, progress.done) == (stored, len(undisturbed) - stored)
@@ -80,11 +80,11 @@ def test_a_run_that_is_stopped_goes_on_where_it_was_and_killed_workers_cost_it_n
 
 @pytest.mark.thorough
 def test_a_worker_whose_job_hangs_ends_itself_the_job_is_given_up_and_the_others_are_answered(
-    carry_out, undisturbed, tmp_path, faults
+    execute, undisturbed, tmp_path, faults
 ):
     hangs = undisturbed[5]["job_id"]
     faults.set(**{hangs: 100.0})
-    progress = carry_out(tmp_path / "run", limits=Limits(job_s=1.0, tries=1))
+    progress = execute(tmp_path / "run", limits=Limits(job_s=1.0, tries=1))
     assert progress.deaths == 2  # in its batch, and alone
     assert progress.status == {"ok": len(undisturbed) - 1, "crashed": 1}
     (lost,) = [row for row in open_run(tmp_path / "run").table().to_pylist() if row["status"] == "crashed"]

@@ -166,18 +166,18 @@ def write_outputs(folder):
 
 @pytest.fixture(scope="module")
 def example(inputs):
-    """The same with the ensemble, and with the campaign and the run that the campaign's page makes."""
+    """Folder of the guide with the ensemble, and with the campaign and the run that the campaign's page makes."""
     folder = inputs.with_name(f"{inputs.name}-run")
     shutil.copytree(inputs, folder)
     guide = ROOT / "docs" / "guide"
     for block in [blocks(guide / "records.md")[0], *blocks(guide / "campaign.md")]:
         if block.kind == "toml":
             Campaign.read(folder / "campaign.toml")  # what 'init' wrote
-        carry_out(block, folder)
+        execute(block, folder)
     return folder
 
 
-def carry_out(block, folder):
+def execute(block, folder):
     if block.kind == "sh":
         for words in commands(shortened(block.text, folder)):
             look_at(words) if block.how == "parsed" else call(words, folder)
@@ -259,7 +259,7 @@ def test_every_block_of_a_page_does_what_it_shows(page, request, tmp_path):
         shutil.rmtree(folder / "ensembles")
     for block in blocks(page):
         if block.how != "slow":
-            carry_out(block, folder)
+            execute(block, folder)
 
 
 def write_stations(folder, every):
@@ -282,7 +282,7 @@ def test_the_page_on_python_goes_from_a_cloud_to_a_constraint(example, tmp_path)
     (folder / "campaign.toml").write_text(text)
     page = [block.text for block in blocks(ROOT / "docs" / "guide" / "python.md")]
     begin = next(number for number, text in enumerate(page) if "import run, scan" in text)
-    carry_out(Block("python", "\n".join(page[begin : begin + 2]), ""), folder)
+    execute(Block("python", "\n".join(page[begin : begin + 2]), ""), folder)
     assert Scene.load(folder / "scenes" / "rock").rock.volume_m3 > 100.0
     assert json.loads((folder / "constraint" / "constraint.json").read_text())["rocks"]
 

@@ -16,6 +16,7 @@ from cloud_samples import las, ptx
 from hazard_samples import NSHMP_RATES, nshmp_curves, openquake_curves, realisations, service_answer
 from motion_samples import STEP_S, WRITERS, shaking
 from scipy.spatial.transform import Rotation
+from small_campaigns import VERSIONS
 
 from toppling.models.files.mesh_files import read_header, read_triangles
 from toppling.models.hidden_base.inspection import inspection_of
@@ -220,7 +221,9 @@ def _write_run(folder: Path) -> None:
     _write_ensemble(folder)
     axes = {"pga_m_s2": [1.0], "azimuth_deg": [0], "friction": [0.9]}
     campaign = Campaign.of({"scene": "scene", "ensemble": "ensemble", **axes}, folder)
-    prepare(folder / "run", plan(campaign, Scene.load(campaign.scene), Ensemble.load(campaign.ensemble)), {})
+    prepare(
+        folder / "run", plan(campaign, Scene.load(campaign.scene), Ensemble.load(campaign.ensemble)), VERSIONS
+    )
     _unseal(folder / "run" / "run.json")
     (folder / "run" / "run.log").write_text('{"event": "rows stored", "workers": 2, "deaths": 0}\n')
 

@@ -12,7 +12,7 @@ _TIME_STEP_S = 0.005
 def full_sine(
     pga_m_s2: float, period_s: float, azimuth_deg: float = 0.0, time_step_s: float = _TIME_STEP_S
 ) -> Motion:
-    """One full cycle of a sine of acceleration: a one-sided pulse of velocity, PGV = PGA x period / pi."""
+    """A full cycle of a sine of acceleration: a one-sided pulse of velocity, PGV = PGA x period / pi."""
     time = _times(period_s, time_step_s)
     return _along(pga_m_s2 * np.sin(2 * np.pi * time / period_s), azimuth_deg, time[1])
 

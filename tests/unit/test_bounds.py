@@ -18,14 +18,14 @@ from toppling.models.rock import Rock
 from toppling.models.scene import Scene
 from toppling.models.shapes import box
 from toppling.orchestrator.campaign import MOST_JOBS, Campaign
-from toppling.orchestrator.run_folder import describe
+from toppling.results import run_integrity
 
 SECONDS, MEMORY_BYTES = 1.0, 300e6
 AXES = {"scene": '"s"', "ensemble": '"e"', "pga_m_s2": "[1.0]", "azimuth_deg": "[0]", "friction": "[0.8]"}
 
 
 def refusal(call, *arguments):
-    """What is said of input that must be refused within a second and 300 MB."""
+    """Message on input that must be refused within a second and 300 MB."""
     start = time.process_time()
     with pytest.raises(InputError) as error:
         call(*arguments)
@@ -117,7 +117,7 @@ def sound_scene(tmp_path_factory):
 RIGHT = (
     ("id", "text"), ("interface.slope_deg", 7), ("quasi_static_toppling_m_s2", []), ("report", {"x": {}}),
 )  # fmt: skip
-"""Of the right kind, and no part of the scene's identity, which is compared last."""
+"""A value of the right kind that is no part of the scene's identity, which is compared last."""
 
 
 @pytest.mark.parametrize("value", [None, "text", 7, [], {"x": {}}, [[]], 1e300, True])
@@ -152,12 +152,12 @@ def test_a_mistyped_value_of_a_scene_is_refused_by_its_place(tmp_path, sound_sce
 def test_a_run_that_lacks_or_mistypes_a_value_is_refused_by_its_key(tmp_path, key, value):
     result = run_document()
     (tmp_path / "run.json").write_text(json.dumps(result))
-    assert describe(tmp_path)["jobs"] == 3
+    assert run_integrity.run_document(tmp_path)["jobs"] == 3
     (tmp_path / "run.json").write_text(json.dumps(result | {key: value}))
-    assert f"{key}" in refusal(describe, tmp_path)
+    assert f"{key}" in refusal(run_integrity.run_document, tmp_path)
     del result[key]
     (tmp_path / "run.json").write_text(json.dumps(result))
-    states(refusal(describe, tmp_path), "document.value_missing", key)
+    states(refusal(run_integrity.run_document, tmp_path), "document.value_missing", key)
 
 
 @pytest.mark.parametrize("step_s", [1e308, 1e-300, 1e5, 0.0, float("nan")])

@@ -1,4 +1,4 @@
-"""One door: what users import, from any folder, from the checkout and from a wheel."""
+"""The public door: what users import, from any folder, from the checkout and from a wheel."""
 
 import os
 import re

@@ -1,4 +1,4 @@
-"""Each error has a code that says what is wrong, and the documentation lists all of them."""
+"""Every error has a code that states what is wrong, and the documentation lists all of them."""
 
 import ast
 import copy

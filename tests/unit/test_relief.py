@@ -36,7 +36,7 @@ def test_two_large_triangles_below_many_small_ones_are_found(cells, u, v):
 
 @pytest.mark.parametrize("turn_deg", [0.0, 30.0, 45.0])
 def test_long_strips_have_the_heights_of_the_surface_that_they_make_up(turn_deg):
-    """Each crosses the whole surface: the circle around it holds all places, and it covers few."""
+    """Triangles that cross the whole surface: the circle around it holds all places, and it covers few."""
     across = np.linspace(-1.0, 1.0, 201)
     vertices = np.array([[x, y, x**2] for x in across for y in (-1.0, 1.0)])
     first = 2 * np.arange(200)[:, None]

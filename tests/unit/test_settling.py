@@ -19,11 +19,11 @@ from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.plan import plan_of
 from toppling.orchestrator.rocks_of_run import Settling, settling_notes
 from toppling.orchestrator.run import run
-from toppling.orchestrator.run_folder import describe
 from toppling.results.reader import open_run
+from toppling.results.run_integrity import run_document
 
 ROCK = box(0.3, 0.2, 0.5).moved(np.eye(3), (0.4, -0.3, 0.5))
-TOLD = "the rock settles by 1.0° toward W (0.02 m at its farthest point) before it is shaken"
+REPORTED = "the rock settles by 1.0° toward W (0.02 m at its farthest point) before it is shaken"
 
 
 def leaning(tilt_deg):
@@ -53,7 +53,7 @@ def test_a_settling_is_the_turn_that_was_made_and_a_turn_about_the_normal_is_no_
 
 @pytest.fixture(scope="module")
 def campaigns(tmp_path_factory):
-    """The same campaign on a block that leans by a degree, and on one that stands."""
+    """A campaign on a block that leans by a degree, and on a block that stands."""
     folder = tmp_path_factory.mktemp("inputs")
     Ensemble.write(folder / "ensemble", [Record.of("P", ricker(2.0, 0.6, 0.01))])
     for name, tilt_deg in (("leans", 1.0), ("stands", 0.0)):
@@ -64,7 +64,7 @@ def campaigns(tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize(("name", "stated"), [("leans", TOLD), ("stands", None)])
+@pytest.mark.parametrize(("name", "stated"), [("leans", REPORTED), ("stands", None)])
 def test_a_run_records_and_reports_by_how_much_its_rock_settles(campaigns, tmp_path, caplog, name, stated):
     def refuse(_):
         raise KeyboardInterrupt
@@ -72,7 +72,7 @@ def test_a_run_records_and_reports_by_how_much_its_rock_settles(campaigns, tmp_p
     cluster = type("Refuses", (), {"__enter__": refuse, "__exit__": lambda *_: None})()
     with pytest.raises(KeyboardInterrupt):
         run(plan_of(Campaign.read(campaigns / f"{name}.toml")), tmp_path / "run", cluster, lambda _: None)
-    assert describe(tmp_path / "run")["settling"]["sentence"] == stated
+    assert run_document(tmp_path / "run")["settling"]["sentence"] == stated
     assert open_run(tmp_path / "run").rock == name  # the scene's own name, which the run's copy has lost
     logged = [json.loads(line) for line in (tmp_path / "run" / "run.log").read_text().splitlines()]
     for events in ([entry["event"] for entry in logged], caplog.messages):

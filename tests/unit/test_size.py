@@ -23,7 +23,7 @@ def modules():
 
 @cache
 def functions(path):
-    """Each function of a module, named by its place: classes of a file may have functions of one name."""
+    """Functions of a module, named by their places: classes of a file may have functions of the same name."""
     return [
         (f"{path.relative_to(ROOT)}:{node.lineno}:{node.name}", node)
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
@@ -61,7 +61,7 @@ def test_the_source_and_the_tests_have_no_more_lines_than_they_had():
 
 
 def test_the_docs_have_no_more_words_than_their_limit():
-    """Of reports, which benchmarks write, there may be more: these lie elsewhere; of codes there is a table."""
+    """Reports, which benchmarks write elsewhere, and the table of codes do not count."""
     pages = [path for path in (ROOT / "docs").rglob("*.md") if path.name != "errors.md"]
     text = " ".join(path.read_text("utf-8") for path in pages)
     assert sum(any(letter.isalnum() for letter in word) for word in text.split()) <= WORDS_OF_DOCS

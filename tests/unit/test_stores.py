@@ -230,12 +230,12 @@ def test_figures_of_a_run_that_another_writes_are_retained_here_and_the_writer_n
     reader = machine("reader")
     with machine("writer").sole_writer():
         reader.pull()
-        reader.carry_back()  # nothing was made
+        reader.upload_changes()  # nothing was made
         write(reader, figure="drawn")
         with refused("store.written_by_another", reader.writer()):
-            reader.carry_back()
+            reader.upload_changes()
         assert there(address) == {}
-    reader.carry_back()
+    reader.upload_changes()
     assert there(address) == {"figure": "drawn"}
 
 
@@ -243,7 +243,7 @@ def test_a_copy_that_a_process_of_this_machine_writes_to_is_left_to_that(machine
     with machine("first").sole_writer() as check:
         other = machine("first")
         write(other, a="1")
-        other.carry_back()
+        other.upload_changes()
         assert (other.path / "a").read_text() == "1"
         other.pull()
         assert (other.path / "a").exists()

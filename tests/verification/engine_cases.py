@@ -141,10 +141,7 @@ def rebound_error(alpha_deg, restitution, preset, share=0.5):
     at = int(np.searchsorted(path.time_s, lands_s + 0.5 * lands_again_s))
     flight_s = path.time_s[at] - lands_s
     rise_m = up * flight_s - 0.5 * G * flight_s**2
-    return (
-        (lean(path)[at] - spin * flight_s) / alpha,
-        (path.position_m[at, 2] - h) / rise_m - 1.0,
-    )
+    return ((lean(path)[at] - spin * flight_s) / alpha, (path.position_m[at, 2] - h) / rise_m - 1.0)
 
 
 def first_landing(time, angle):
@@ -276,7 +273,7 @@ def full_sine_error(
     return sine_threshold_error(scene, PlaneBody.rectangle(b, h), period, branch, azimuth, preset, **settings)
 
 
-def many_feet_error(sides, leading, preset, **settings):
+def many_contacts_error(sides, leading, preset, **settings):
     """Error of the threshold of a full sine for a prism of many sides, radius 0.2 and half height 0.6 m.
 
     The motion goes toward the middle of an edge, or toward a vertex, of the base: the prism turns about it in a plane.
@@ -476,12 +473,14 @@ def rolling_start(radius, half_height, tilt_rad):
 
 
 def coupled(*case, **settings):
-    """Differences (3, k) of engine and reference; see :func:`coupled_ways`."""
-    engine, reference = coupled_ways(*case, **settings)
+    """Differences (3, k) of engine and reference; see :func:`coupled_directions`."""
+    engine, reference = coupled_directions(*case, **settings)
     return engine - reference
 
 
-def coupled_ways(friction, preset, times, acceleration=None, duration=0.0, velocity=(0.0, 0.0), **settings):
+def coupled_directions(
+    friction, preset, times, acceleration=None, duration=0.0, velocity=(0.0, 0.0), **settings
+):
     """Way (3, k) of engine and of reference: corner's place since the start over R, lean over alpha, rate over p.
 
     A block of k = 3 that may slide and rock under a ground acceleration in steps of 2 ms, linear between.

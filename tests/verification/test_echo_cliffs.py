@@ -25,7 +25,7 @@ def scene():
 
 
 def along_cliff_m(scene):
-    """Of the rock's vertices: how far toward the cliff, and beyond its edge, in plan."""
+    """Distances of the rock's vertices: how far toward the cliff, and beyond its edge, in plan."""
     out = horizontal_unit_vector(scene.pedestal.downhill_azimuth_deg)
     top = scene.pedestal.vertices_m @ scene.pedestal.normal
     edge_m = (scene.pedestal.vertices_m @ out)[np.isclose(top, top.max())].max()
@@ -75,7 +75,7 @@ def pushed_over_the_edge(scene, lasting_s, engine):
     return shake(scene.with_friction(FRICTION), Motion(steps, 0.01), engine=engine)
 
 
-def newmarks_way_m(lasting_s):
+def newmarks_slip_m(lasting_s):
     """Slip of a block on the slope, pushed downhill for so long (Newmark 1965)."""
     return slip_of_pulse_m(FRICTION, math.radians(5.0), PUSH_M_S2 / 9.81, lasting_s)
 
@@ -84,13 +84,13 @@ def newmarks_way_m(lasting_s):
 def test_a_rock_that_slides_toward_the_cliff_goes_as_far_as_newmarks_block(scene, engine):
     slid = pushed_over_the_edge(scene, 0.8, engine)
     assert slid.outcome == "moved"
-    assert slid.slip_m == pytest.approx(newmarks_way_m(0.8), rel=0.03)
+    assert slid.slip_m == pytest.approx(newmarks_slip_m(0.8), rel=0.03)
 
 
 @pytest.mark.parametrize("engine", ["pybullet", "mujoco"])
 def test_a_rock_that_slides_past_its_balance_falls_where_the_edge_is(scene, engine):
     """Its centre of mass is 1.79 m from the edge; an endless slope stops it after 2.4 m."""
-    assert newmarks_way_m(2.0) > 1.79
+    assert newmarks_slip_m(2.0) > 1.79
     assert pushed_over_the_edge(scene, 2.0, engine).outcome == "toppled"
     endless = dataclasses.replace(scene, pedestal=Pedestal(scene.pedestal.point_m, scene.pedestal.normal))
     assert pushed_over_the_edge(endless, 2.0, engine).outcome == "moved"

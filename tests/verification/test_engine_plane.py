@@ -39,7 +39,7 @@ FREE_SLOW = [
 
 @pytest.mark.parametrize(("preset", "alpha_deg", "share"), cases(FREE_FAST, FREE_SLOW))
 def test_a_released_block_lands_at_the_exact_time_with_housners_restitution(preset, alpha_deg, share):
-    """Of the angular velocity, and of the energy."""
+    """Restitution of the angular velocity, and of the energy."""
     landing, ratio, loss = case.free_rocking(alpha_deg, 1.0, share, preset)
     assert abs(landing) < TARGET[preset]
     assert abs(ratio) < TARGET[preset]
@@ -97,7 +97,7 @@ def test_a_full_sine_overturns_from_the_exact_amplitude_on(preset, alpha_deg, ha
 def test_a_base_of_many_contacts_overturns_about_its_leading_edge_or_contact(preset, sides, leading):
     # What errs is the solver, which moves the weight to the leading feet in proportion to its iterations. Measured with
     # standard -.01 to -.03 %, with reference -.015 %; 24 sides with 20 and 50 iterations -.15 and -.09 %.
-    assert abs(case.many_feet_error(sides, leading, preset, **WITHIN[preset])) < TARGET[preset]
+    assert abs(case.many_contacts_error(sides, leading, preset, **WITHIN[preset])) < TARGET[preset]
 
 
 @pytest.mark.parametrize(
@@ -132,10 +132,7 @@ def test_a_step_of_the_bases_velocity_overturns_from_the_exact_velocity_on():
 
 @pytest.mark.parametrize(
     ("preset", "azimuth_deg", "share"),
-    cases(
-        [],
-        [("standard", 0, 1.0)] + [(p, a, 1 / np.cos(np.deg2rad(a))) for p in TARGET for a in (15, 45)],
-    ),
+    cases([], [("standard", 0, 1.0)] + [(p, a, 1 / np.cos(np.deg2rad(a))) for p in TARGET for a in (15, 45)]),
 )
 def test_a_slow_ramp_topples_at_the_static_acceleration(preset, azimuth_deg, share):
     error = case.quasi_static_error((0.2, 0.2, 0.6), azimuth_deg, preset, G / 3 * share, **WITHIN[preset])
@@ -189,8 +186,7 @@ def test_the_motion_that_starts_is_shentons(preset, acceleration_g, share):
 
 
 @pytest.mark.parametrize(
-    ("preset", "mu", "share"),
-    cases([("standard", mu, s) for mu in (0.4, 0.6, 1.0) for s in (0.8, 1.2)], []),
+    ("preset", "mu", "share"), cases([("standard", mu, s) for mu in (0.4, 0.6, 1.0) for s in (0.8, 1.2)], [])
 )
 def test_a_translating_block_that_lands_flat_turns_by_the_impact_law(preset, mu, share):
     # On either side of the boundary between landing with a slipping and with a held corner.
@@ -213,7 +209,7 @@ def sway_m_s2(time_s):
     ),
 )
 def test_a_block_that_slides_and_rocks_follows_the_reference(preset, static, kinetic):
-    engine, reference = case.coupled_ways((static, kinetic), preset, [0.15, 0.3, 0.45], sway_m_s2, 0.5)
+    engine, reference = case.coupled_directions((static, kinetic), preset, [0.15, 0.3, 0.45], sway_m_s2, 0.5)
     slid, leaned, _ = np.abs(reference).max(axis=1)
     assert slid > 0.01
     assert leaned > 0.05

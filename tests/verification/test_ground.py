@@ -205,7 +205,7 @@ def test_a_released_rock_wedges_and_slides_as_in_independent_contact_dynamics(
     assert moved_m == pytest.approx(slip_m, rel=0.01)
 
 
-def slide_of_two_feet_m(rock, feet_m, slopes_deg, friction, level_m_s2, lasting_s):
+def slide_of_two_contacts_m(rock, feet_m, slopes_deg, friction, level_m_s2, lasting_s):
     """Way of the centre of mass toward x of a rock both of whose feet slide on their facets, in a plane.
 
     From rest, under a horizontal specific force for a while, until they stop: their normal forces are those with which
@@ -243,7 +243,7 @@ def slide_of_two_feet_m(rock, feet_m, slopes_deg, friction, level_m_s2, lasting_
 def test_a_rock_that_wedges_off_a_ledge_slides_by_the_equations_of_its_two_contacts(level_m_s2, lasting_s):
     scene = block_on(0, -30)
     feet = np.array([[-HALF_WIDTH_M, 0.0], [HALF_WIDTH_M, -HALF_WIDTH_M * math.tan(math.radians(30))]])
-    exact_m = slide_of_two_feet_m(scene.rock, feet, [0, -30], 0.8, level_m_s2, lasting_s)
+    exact_m = slide_of_two_contacts_m(scene.rock, feet, [0, -30], 0.8, level_m_s2, lasting_s)
     shaken = shake(scene, pulse(-level_m_s2, lasting_s), "standard", trajectory=True, shortcuts=False)
     moved_m = shaken.trajectory.position_m[-1, 0] - scene.rock.com_m[0]
     assert moved_m == pytest.approx(exact_m, rel=0.03)
@@ -312,7 +312,7 @@ class SurfaceScene(Scene):
 
 
 def as_surface(scene):
-    """The same scene, to be shaken on its surface."""
+    """A scene to be shaken on its surface instead of its plane."""
     return SurfaceScene(scene.rock, scene.pedestal, scene.contact)
 
 
@@ -523,7 +523,7 @@ def test_a_prism_that_rolls_over_to_its_next_side_has_toppled_and_not_lodged():
 
 @pytest.mark.parametrize("slope_deg", [15, -15])
 def test_a_stool_that_slides_across_a_fold_on_its_own_legs_has_not_lodged(slope_deg):
-    """One foot comes to stand higher than the other by more than a quarter of the centre of mass's height."""
+    """A leg comes to stand higher than the other by more than a quarter of the centre of mass's height."""
     scene = stool_on(slope_deg, slope_deg)
     slid = shake(scene, pulse(0.8 * G, 0.25), "fast")
     assert slid.slip_m > 0.1
@@ -720,7 +720,7 @@ def test_a_block_rocks_about_a_cliffs_lip_as_about_an_edge_there():
     arm = math.hypot(lip_m, height)
 
     def falls(level):
-        """The same by a fine integration of the pendulum about the lip; it does not fall where it comes back."""
+        """Fine integration of the pendulum about the lip; it does not fall where it comes back."""
         tilt, rate, step = 0.0, 0.0, 1e-5
         for k in range(200_000):
             a = level if k * step < lasting_s else 0.0

@@ -192,6 +192,6 @@ def test_intervals_over_records_hold_median_beta_and_rate_in_95_of_100_sites():
 
 
 def test_intervals_over_records_hold_most_of_some_sites():
-    """Of 12 sites fewer than 9 have a probability below one in five hundred at 95 %."""
+    """Fewer than 9 of 12 sites have a probability below one in five hundred at 95 %."""
     fractions = np.sum([fragility_statements(site) for site in range(12)], axis=0)
     assert (fractions >= 9).all(), fractions

@@ -14,7 +14,7 @@ from toppling.workers.shaking import shake
 
 HEIGHT_M = 1.0
 OFFSETS = [0.0, *(sign * size for size in (1e-9, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3) for sign in (1.0, -1.0))]
-"""Of the base's half width, by which the top's is larger."""
+"""Margin of the top's half width over the base's, as a fraction of that."""
 ROUNDINGS = [pytest.param(o, marks=[] if abs(o) < 1e-8 else pytest.mark.thorough) for o in OFFSETS]
 
 
@@ -130,7 +130,7 @@ def test_a_curb_stops_a_slab_that_slides_into_it(height_m, distance_m):
 
 
 def on_drawn_base(scene):
-    """The same scene with its own base as one that was drawn over the interface plane."""
+    """A scene whose own base counts as drawn over the interface plane."""
     rock = dataclasses.replace(scene.rock, feet_m=scene.rock.hull_vertices_m)
     return dataclasses.replace(scene, rock=rock)
 

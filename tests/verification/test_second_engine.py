@@ -59,7 +59,7 @@ def test_a_full_sine_overturns_from_the_exact_amplitude_on(preset, branch):
 @pytest.mark.slow
 @pytest.mark.parametrize(("preset", "target"), [("fast", 8e-3), ("standard", 4e-3)])
 def test_a_prism_of_many_sides_overturns_from_the_exact_amplitude_on(preset, target):
-    error = case.many_feet_error(24, "edge", preset, span=0.05, resolution=1e-3, **MUJOCO)
+    error = case.many_contacts_error(24, "edge", preset, span=0.05, resolution=1e-3, **MUJOCO)
     assert abs(error) < target  # measured 4.3e-3 and 2.0e-3
 
 

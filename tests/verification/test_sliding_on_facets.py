@@ -78,7 +78,7 @@ def test_on_an_incline_a_pulse_uphill_slides_a_block_down_by_newtons_law():
 
 
 def with_a_corner_between(vertices_m, faces, a, b):
-    """The same body, with a corner in the middle of an edge."""
+    """A body with a further corner in the middle of an edge."""
     middle, split = len(vertices_m), []
     for face in faces.tolist():
         if {a, b} <= set(face):

@@ -45,8 +45,7 @@ def on_a_step(seed):
 
 
 @pytest.mark.parametrize(
-    "seed",
-    [0, 1, 2, *(pytest.param(seed, marks=pytest.mark.thorough) for seed in range(3, 16))],
+    "seed", [0, 1, 2, *(pytest.param(seed, marks=pytest.mark.thorough) for seed in range(3, 16))]
 )
 def test_contacts_on_two_levels_hold_up_to_the_slow_ramp(seed):
     """What falls takes a second or two for it, in which the ramp grows by half a per cent."""

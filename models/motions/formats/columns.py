@@ -106,7 +106,7 @@ _CLOCK = re.compile(
 )
 """A time of day, of 24 hours or of twice twelve, and the date before it."""
 _DAY_S = 24 * UNITS_S["h"]
-_REGULAR_SHARE = 0.95
+_REGULAR_FRACTION = 0.95
 """Share of equal differences from which rounding explains no other."""
 
 
@@ -507,7 +507,7 @@ def _time_step(file: RecordText, first: int, time: NDArray[np.float64], printed:
     steps = np.diff(time)
     mean = file.positive(first, float((time[-1] - time[0]) / len(steps)), "time step")
     usual, digit = float(np.median(steps)), _print_error(printed)
-    regular = usual > 0 and float((np.abs(steps - usual) < 0.1 * digit).mean()) >= _REGULAR_SHARE
+    regular = usual > 0 and float((np.abs(steps - usual) < 0.1 * digit).mean()) >= _REGULAR_FRACTION
     step = usual if regular or usual > digit else mean
     tolerance = max(STEP_OFF * step, digit / 2 if regular else digit)
     wrong = np.flatnonzero(np.abs(steps - step) > tolerance)

@@ -1,4 +1,4 @@
-"""One channel as a file gives it, and the direction that its label names."""
+"""Channel as a file gives it, and the direction that its label names."""
 
 import re
 import sys
@@ -36,7 +36,7 @@ _SEED = re.compile(r"[A-Z][GHLN]([ENZ123])(?:[._ ]?(?:\d\w|--))?")
 
 @dataclass(frozen=True, eq=False)
 class Component:
-    """One channel of acceleration."""
+    """Channel of acceleration."""
 
     acceleration_m_s2: NDArray[np.float64]  # (n,): in the file's own unit if `unit_known` is false
     time_step_s: float

@@ -133,7 +133,7 @@ def _real(reals: NDArray[np.float64], name: str) -> float:
 
 
 def _factor(file: RecordText, at: int, code: int, unit: str, reals: NDArray[np.float64]) -> tuple[float, str]:
-    """One unit of the samples in m/s2; counts by the recorder's least bit, the sensor's volts per g and gain."""
+    """Unit of the samples in m/s2; counts by the recorder's least bit, the sensor's volts per g and gain."""
     named = unit_of(unit)
     coded = _UNIT_CODES_M_S2.get(code)
     if coded and named and not (named.quantity == "acceleration" and math.isclose(named.factor, coded)):

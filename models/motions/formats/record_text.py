@@ -15,10 +15,10 @@ from toppling.models.files.table import is_numeral
 from toppling.models.motions.formats.component import Component, check_time_step, refuse_file
 from toppling.models.motions.formats.units import UNITS_S, acceleration_m_s2
 
-SURPLUS_SHARE = 0.01
+SURPLUS_FRACTION = 0.01
 """Error of a count that programs make, as a fraction of the samples; beyond it something is missing."""
 ROWS_OFF = 2
-"""Error of a count in rows that is allowed for short records, where it exceeds `SURPLUS_SHARE`."""
+"""Error of a count in rows that is allowed for short records, where it exceeds `SURPLUS_FRACTION`."""
 _NEAR = 200
 """Number of samples on both sides of a place between two rows with which its bend is compared."""
 _JUMP_RATIO = 4.0
@@ -189,7 +189,7 @@ class RecordText(TextFile):
         ends = np.cumsum(lengths)
         few = ROWS_OFF * int(lengths.max(initial=1))
         if surplus > 0:
-            whole = surplus <= max(few, SURPLUS_SHARE * count) and (count in ends or surplus < lengths[-1])
+            whole = surplus <= max(few, SURPLUS_FRACTION * count) and (count in ends or surplus < lengths[-1])
         else:
             whole = -surplus <= few and len(lengths) > 1 and bool((lengths[:-1] == lengths.max()).all())
         if count < 1 or not whole or _jumps(values[:count], ends):
@@ -314,7 +314,7 @@ def _stated(lines: Sequence[str], what: str) -> Iterator[tuple[str, str]]:
 
 
 def stated_unit(lines: Sequence[str]) -> float | None:
-    """One unit of the samples in m/s2, where the lines name one acceleration's unit and no other."""
+    """Unit of the samples in m/s2, where the lines name one acceleration's unit and no other."""
     found = set()
     for _, value in _stated(lines, "unit"):
         spellings = (value.strip(), *re.split(r"[(),]| {2,}", value))
@@ -351,7 +351,7 @@ def check_stated(lines: Sequence[str], step_s: float, shape: tuple[int, int], pa
     counts = {int(value) for _, value in _stated(lines, "count") if value.isdecimal()}
     near = [
         count for count in counts for n in (shape[0], shape[0] * shape[1])
-        if abs(count - n) <= max(ROWS_OFF, SURPLUS_SHARE * n)
+        if abs(count - n) <= max(ROWS_OFF, SURPLUS_FRACTION * n)
     ]  # fmt: skip
     if len(counts) == 1 and not near:
         what = f"{shape[0]} rows of samples, and {counts.pop()} samples by the text above"

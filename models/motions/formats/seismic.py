@@ -152,7 +152,7 @@ def _unreadable(path: Path, error: object) -> NoReturn:
 
 
 def _joined(stream: Any, path: Path) -> list[tuple[Any, tuple[str, ...]]]:
-    """One trace for each channel, joined from its pieces in a file, and warnings of that.
+    """Traces by channel, joined from their pieces in a file, and warnings of that.
 
     Samples that came twice are merged if they are the same; pieces that meet within half a sample are joined.
     """

@@ -90,7 +90,7 @@ def unit_of(name: str) -> Unit | None:
 
 
 def acceleration_m_s2(name: str) -> float | None:
-    """One unit of acceleration in m/s2; None if the name is that of none."""
+    """Unit of acceleration in m/s2; None if the name is that of none."""
     return UNITS_M_S2.get(_folded(name))
 
 

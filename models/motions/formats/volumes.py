@@ -49,7 +49,7 @@ _FIRST = re.compile(
     r"|FILE\s+\d+\s+OF\s+UNCORRECTED ACCELEROGRAM|\* VOL1DS FILE)",
     re.IGNORECASE,
 )
-_PRINTED_BESIDE = re.compile(r"\s{3,}.*$")
+_TITLE_ADDITIONS = re.compile(r"\s{3,}.*$")
 """Additions of programs to the end of a title line: their version, the number of characters."""
 _WHEN = re.compile(r"^(.*?)(?<!\s)\s*(?:\(ORIGIN(?:\([^)]*\))?\s*:\s*(.*?)\)?\s*)?$", re.IGNORECASE)
 _DATED = re.compile(r"\b(?:19|20)\d\d\b|\d/\d+/\d")
@@ -227,7 +227,7 @@ def _when(line: str) -> str:
 
 
 def _printed(text: str) -> str:
-    return " ".join(_PRINTED_BESIDE.sub("", text.strip()).split())
+    return " ".join(_TITLE_ADDITIONS.sub("", text.strip()).split())
 
 
 def _station(lines: Sequence[str]) -> str:

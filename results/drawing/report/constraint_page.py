@@ -26,8 +26,8 @@ from toppling.results.drawing.sentences import (
     ages_words,
     answer,
     by_site_and_measure,
+    percent,
     rate_words,
-    share_words,
     what_it_rests_on,
     with_ends,
 )
@@ -225,7 +225,7 @@ def branches_table(statement: dict[str, Any], document: Document) -> list[Block]
 
 
 def _percent(share: float | None) -> str:
-    return "" if share is None else share_words(share).removesuffix(" %")
+    return "" if share is None else percent(share).removesuffix(" %")
 
 
 def _models(statement: dict[str, Any], document: Document) -> list[Block]:

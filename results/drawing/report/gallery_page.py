@@ -12,7 +12,7 @@ from toppling.models.files.documents import listed
 from toppling.models.scene import Scene
 from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.analysis.resampling import narrowed_by
-from toppling.results.analysis.side_by_side import RockResults, Shared
+from toppling.results.analysis.side_by_side import CommonJobs, RockResults
 from toppling.results.drawing.roses import wind_of
 from toppling.results.drawing.sentences import interval_words
 from toppling.results.drawing.side_by_side_figures import fragilities_figure, thumbnail
@@ -42,7 +42,7 @@ def gallery_page(
     title: str,
     atlases: Sequence[Run],
     rocks: Sequence[RockResults],
-    shared: Shared,
+    shared: CommonJobs,
     measure: str,
     folder: Path,
     advance: Callable[[], object] = lambda: None,
@@ -83,7 +83,7 @@ def _stated(rock: RockResults) -> dict[str, Any]:
     return row | ({name: within(value, *curve.shaken) for name, value in ends.items()} if curve else {})
 
 
-def summary(rocks: Sequence[RockResults], shared: Shared, measure: str) -> list[str]:
+def summary(rocks: Sequence[RockResults], shared: CommonJobs, measure: str) -> list[str]:
     """Results of an atlas in a few sentences."""
     drawn = sorted(((rock.curve, rock) for rock in rocks if rock.curve), key=lambda both: both[0].median)
     several, have = "s" if len(rocks) != 1 else "", "has" if len(drawn) == 1 else "have"

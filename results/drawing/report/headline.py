@@ -16,7 +16,7 @@ from toppling.results.analysis.unphysical import unphysical_of
 from toppling.results.drawing import sentences
 from toppling.results.drawing.report.content import Contact, Content
 from toppling.results.drawing.run_figures import draw_curve, draw_fractions
-from toppling.results.drawing.sentences import other_records, share_words, what_topples
+from toppling.results.drawing.sentences import other_records, percent, what_topples
 from toppling.results.drawing.side_by_side_figures import thumbnail
 from toppling.results.drawing.style import (
     ALARM_COLOUR,
@@ -34,7 +34,7 @@ from toppling.results.drawing.templates import Document, block
 
 def first_screen(content: Content, document: Document) -> dict[str, Any]:
     """Name of the rock, what topples it, the curve and the interval's parts, and what would change the answer."""
-    lines = [_what_topples(content), _how_likely(content), _what_standing_says(content)]
+    lines = [_what_topples(content), _how_likely(content), _constraint_sentence(content)]
     picture = png_bytes(thumbnail(content.scene, None)) if content.scene else b""
     remark = document.remark
     return {
@@ -110,11 +110,11 @@ def _how_likely(content: Content) -> str:
     return (
         f"Of {len(known):,} shakings ({counted(known['record_id'].nunique(), 'record')}, scaled to a PGA of "
         f"{levels.min():g} to {levels.max():g} m/s², {known['azimuth_deg'].nunique()} azimuths) "
-        f"{content.chief.toppled:,} topple it, {share_words(content.chief.toppled / len(known))}{without}."
+        f"{content.chief.toppled:,} topple it, {percent(content.chief.toppled / len(known))}{without}."
     )
 
 
-def _what_standing_says(content: Content) -> str:
+def _constraint_sentence(content: Content) -> str:
     event = content.statement
     if event is None:
         return "With so few topplings, its survival says nothing about past shaking."

@@ -21,13 +21,12 @@ from toppling.models.pedestal import FRICTION_SPREAD
 from toppling.models.scene import COM_SPREAD_SHARE, Scene
 from toppling.results.analysis import FEW, fits
 from toppling.results.analysis.fragility import (
-    PLANES,
     compare_frictions,
     friction_words,
     frictions,
     least_sector,
     planes_of,
-    sector_share,
+    sector_fraction,
     topple_rose,
 )
 from toppling.results.drawing.maps import friction_figure, map_figure
@@ -56,8 +55,7 @@ _REFERENCES = (
 
 def methods_section(content: Content, document: Document) -> list[Block]:  # noqa: ARG001  (as every section)
     """Methods to copy, and references."""
-    engine = content.run.provenance().get("engine")
-    references = sorted((*_REFERENCES, engine["reference"]) if engine else _REFERENCES)
+    references = sorted((*_REFERENCES, content.run.provenance()["engine"]["reference"]))
     cited = block("items", texts=[_program(content), *references])
     return [block("methods", text=methods(content)), "To cite:", cited]
 
@@ -66,7 +64,7 @@ def methods(content: Content) -> str:
     """Methods of the run, in the past tense, with its own numbers."""
     run, frame, table = content.run, content.frame, content.run.scene()
     provenance = run.provenance()
-    versions, cited = provenance.get("versions", {}), provenance.get("engine", {})
+    versions, cited = provenance["versions"], provenance["engine"]
     report = content.scene.report if content.scene is not None else {}
     drawn = frame[frame["realisation"] > 0]
     weighted_by = ["a hazard deaggregation"] if records_weight(frame) is not None else []
@@ -90,8 +88,8 @@ def methods(content: Content) -> str:
         },
         jobs=len(frame),
         answered=int(frame["toppled"].notna().sum()),
-        version=versions.get("toppling", version("toppling")),
-        physics=physics or versions.get("physics", "unknown"),
+        version=versions["toppling"],
+        physics=physics or versions["physics"],
         presets=", ".join(sorted(frame["preset"].unique())),
         engines=" and ".join(_engine_words(name, versions, cited) for name in engines),
         weighted_by=weighted_by,
@@ -148,13 +146,11 @@ def _engine_words(name: str, versions: Mapping[str, str], cited: Mapping[str, st
 
 def _program(content: Content) -> str:
     provenance = content.run.provenance()
-    made = str(provenance.get("created_at", ""))[:4]
-    number = provenance.get("versions", {}).get("toppling", version("toppling"))
-    physics = provenance.get("versions", {}).get("physics")
+    versions = provenance["versions"]
     return (
-        f"The toppling developers{f' ({made})' if made else ''}. toppling: toppling probability of precariously "
-        f"balanced rocks under ensembles of earthquake records, version {number}"
-        f"{f', physics version {physics}' if physics else ''}."
+        f"The toppling developers ({provenance['created_at'][:4]}). toppling: toppling probability of precariously "
+        f"balanced rocks under ensembles of earthquake records, version {versions['toppling']}, physics version "
+        f"{versions['physics']}."
     )
 
 
@@ -166,7 +162,7 @@ def _scene_section(content: Content, document: Document) -> list[Block]:
     table, parts = content.run.scene(), list[Block]()
     if table is None:
         return ["The run holds no scene."]
-    settling = (content.run.provenance().get("settling") or {}).get("sentence")
+    settling = (content.run.provenance()["settling"] or {}).get("sentence")
     if content.scene is not None:
         scene = content.scene
         caption = f"The rock {content.run.rock} on its pedestal, from three sides and from above; thin where hidden."
@@ -249,7 +245,7 @@ def _maps_section(content: Content, document: Document) -> list[Block]:
         for plane in planes
     ]
     within = least_sector(content.run.quasi_static())
-    sector = sector_share(jobs, *within) if within else None
+    sector = sector_fraction(jobs, *within) if within else None
     rose = document.figure(
         lambda width: rose_figure(topple_rose(jobs), content.run.quasi_static(), sector, width),
         f"Where the rock topples to ({words}), and the least constant ground acceleration that topples it.",
@@ -258,9 +254,9 @@ def _maps_section(content: Content, document: Document) -> list[Block]:
 
 
 def _friction_section(content: Content, document: Document) -> list[Block]:
-    """Each friction against the highest; empty if there is only one."""
+    """Comparison of every friction with the highest; empty for a single friction."""
     parts: list[Block] = []
-    for surroundings, table, pairs in compare_frictions(content.frame, PLANES["pga_pgv"]):
+    for surroundings, table, pairs in compare_frictions(content.frame, planes_of(content.frame)["pga_pgv"]):
         caption = (
             "Toppling probability in cells of PGA and PGV with one friction against another, for the same jobs shaken "
             "with both. Dashed: no difference."
@@ -402,7 +398,7 @@ def provenance(run: Run) -> dict[str, Any]:
     return {
         "run": run.name,
         "page_written_by": f"toppling {version('toppling')}",
-        **{name: known[name] for name in columns if name in known},
+        **{name: known[name] for name in columns},
         "campaign": campaign.read_text(encoding="utf-8") if campaign.exists() else None,
         "columns": run.describe(),
     }

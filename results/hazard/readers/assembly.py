@@ -318,7 +318,7 @@ def _refuse_alone(group: Sequence[Statement], where: str) -> NoReturn:
 def combined(
     parts: Sequence[Sequence[HazardTree]], names: Sequence[str], weights: Sequence[float] | None
 ) -> list[HazardTree]:
-    """One tree of several, each a branch or several, by measure and site.
+    """Join trees, whose branches become those of a single tree, by measure and site.
 
     Raises InputError if they have no measure in common, or lie at different sites.
     """

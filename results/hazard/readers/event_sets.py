@@ -442,7 +442,7 @@ def _plain(table: Table, companions: list[Table], ratio: float, *_: object) -> E
 def _of_rows(
     rows: pd.DataFrame, factors: Mapping, table: Table, notes: tuple[str, ...], places: Table | None = None
 ) -> EventSet:
-    """One branch of events that state their own rates."""
+    """Branch of events that state their own rates."""
     if rows.empty:
         raise event_error("events.empty", "holds no event", table.path)
     rows = rows.assign(annual_rate=pd.to_numeric(rows["annual_rate"], errors="coerce"))

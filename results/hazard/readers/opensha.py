@@ -11,7 +11,7 @@ from typing import Any
 from toppling.models.files.table import is_numeral
 from toppling.results.hazard.measure_names import imt_of, measure_with_unit
 from toppling.results.hazard.readers.assembly import HazardFile, Statement
-from toppling.results.hazard.readers.text_columns import says_value, values_of
+from toppling.results.hazard.readers.text_columns import is_value_name, values_of
 
 _IMT = re.compile(r"\bIMT = ([A-Za-z]\w*)")
 _PERIOD = re.compile(r"\bSA Period = ([\d.]+)")
@@ -56,7 +56,7 @@ def read(file: HazardFile) -> list[Statement]:
     phrases = [phrase.strip() for phrase in _PHRASES.split(about) if phrase.strip()]
     measure, unit = _measure(file, about, phrases)
     duration = _DURATION.search(about)
-    named = next(filter(says_value, phrases), "")
+    named = next(filter(is_value_name, phrases), "")
     rates = _RATES.search(about)
     if named and not (duration or rates):
         years, convert = values_of(file, named)

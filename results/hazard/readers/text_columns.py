@@ -1,4 +1,4 @@
-"""One plain table of columns: an intensity measure's levels, and their rates, probabilities or return periods."""
+"""Plain table of columns: an intensity measure's levels, and their rates, probabilities or return periods."""
 
 import math
 import re
@@ -41,7 +41,7 @@ def _plain(name: str) -> str:
     return bare if _RATE.fullmatch(bare) or _ANNUAL.fullmatch(bare) else f"{bare} per year"
 
 
-def says_value(name: str) -> bool:
+def is_value_name(name: str) -> bool:
     """Whether a column's name says that it holds rates, probabilities or return periods."""
     if len(name) > LONGEST_NAME:
         return False
@@ -78,7 +78,7 @@ def matches(file: HazardFile) -> bool:
     """Whether a file of a folder begins with a header that names a measure and what its values are."""
     header = file.table.names
     measures = [name for name in header if measure_with_unit(name)]
-    return len(measures) == 1 and (len(header) == 2 or any(map(says_value, header)))
+    return len(measures) == 1 and (len(header) == 2 or any(map(is_value_name, header)))
 
 
 def read(file: HazardFile) -> list[Statement]:
@@ -113,7 +113,7 @@ def _columns(file: HazardFile, header: Sequence[str]) -> tuple[int, int]:
         file.refuse("hazard.is_of_events", f"is of events, with the columns {named}",
             "a set of events has the columns annual_rate and measures with their units, such as PGA (g)")  # fmt: skip
     measures = [index for index, name in enumerate(header) if measure_with_unit(name)]
-    values = [index for index, name in enumerate(header) if says_value(name)]
+    values = [index for index, name in enumerate(header) if is_value_name(name)]
     if len(header) == 2 and len(measures) == 1:
         return measures[0], 1 - measures[0]
     if not measures:

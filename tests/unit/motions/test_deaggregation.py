@@ -148,7 +148,6 @@ def ensemble(tmp_path_factory):
     records = [
         dataclasses.replace(
             Record.of(name, full_sine(1.0, 0.5), event=f"Event {name[0]}", magnitude=m, distance_km=d),
-            components=2 if name == "C1" else 3,
             quality="drifting" if name == "B1" else "corrected",
         )
         for name, (m, d) in sources.items()
@@ -161,7 +160,6 @@ def ensemble(tmp_path_factory):
     [
         (Choice(), ["A1", "A2", "A3", "B1", "C1"]), (Choice(magnitude=(6.0, 7.0)), ["A1", "A2", "A3"]),
         (Choice(distance_km=(0.0, 10.0)), ["A1", "A2", "C1"]), (Choice(event="event b"), ["B1"]),
-        (Choice(components=3), ["A1", "A2", "A3", "B1"]),
         (Choice(quality=("corrected", "processed")), ["A1", "A2", "A3", "C1"]),
         (Choice(most_per_event=1), ["A2", "B1", "C1"]), (Choice(most_per_event=2), ["A1", "A2", "B1", "C1"]),
     ],

@@ -11,9 +11,9 @@ from motion_samples import (
     columns,
     edited,
     imported,
-    one_column,
     peer,
     shaking,
+    single_column,
     tabled,
     write_counts,
 )
@@ -111,7 +111,7 @@ def test_collinear_horizontals_are_refused_and_oblique_horizontals_resolved(tmp_
 
 
 def test_a_single_azimuth_turns_nothing_and_is_reported(tmp_path):
-    tabled(one_column(tmp_path, shaking()), unit="gal", dt="0.01", h1_azimuth="40", processing="corrected")
+    tabled(single_column(tmp_path, shaking()), unit="gal", dt="0.01", h1_azimuth="40", processing="corrected")
     rename = {"STA2_E": "a", "STA2_N": "b"}
     outcome = renamed(tmp_path, rename)
     assert not outcome.records[0].north_known
@@ -128,7 +128,7 @@ def test_a_single_azimuth_turns_nothing_and_is_reported(tmp_path):
 def test_letters_at_the_ends_of_names_are_directions_where_the_names_differ_in_nothing_else(
     names, known, tmp_path
 ):
-    one_column(tmp_path, shaking())
+    single_column(tmp_path, shaking())
     outcome = renamed(tmp_path, dict(zip(("STA2_E", "STA2_N"), names, strict=True)))
     (record,) = outcome.records
     assert record.north_known is known
@@ -209,17 +209,17 @@ def test_esm_components_are_aligned_by_the_time_of_their_first_sample(tmp_path):
 
 A_MINUTE_S = np.arange(6000) * STEP_S
 FLING = np.where(np.abs(A_MINUTE_S - 20.0) < 2.0, 0.4 * np.sin(np.pi * (A_MINUTE_S - 20.0) / 2.0), 0.0)
-"""Of a metre in four seconds."""
+"""Permanent displacement of a metre in four seconds."""
 FAR = 5.0 * (np.pi / 60.0) ** 2 * np.cos(np.pi * A_MINUTE_S / 60.0)
 """Ten metres within a minute, level at the end."""
-NO, ALL, ONE = np.zeros((6000, 3)), np.full((6000, 3), 0.02), np.eye(3)[0]
+NO, ALL, EAST = np.zeros((6000, 3)), np.full((6000, 3), 0.02), np.eye(3)[0]
 
 
 @pytest.mark.parametrize(
     ("added_m_s2", "word", "quality"),
     [
         (NO, "", "sound"), (0.02 * np.eye(3)[2], "", "processed"), (ALL, "", "processed"),
-        (FLING[:, None] * ONE, "", "sound"), (FAR[:, None] * ONE, "", "processed"),
+        (FLING[:, None] * EAST, "", "sound"), (FAR[:, None] * EAST, "", "processed"),
         (ALL, "corrected", "corrected"), (NO, "raw", "processed")
     ],
     ids=["at rest", "an offset up", "an offset", "a fling", "a wander", "called corrected", "called raw"],

@@ -75,7 +75,7 @@ DIRECTIONS = [
 ]  # fmt: skip
 UNITS = {"m/s2": 1.0, "m/s^2": 1.0, "m/s/s": 1.0, "cm/s²": 0.01, "Gal": 0.01, "g": 9.80665}
 FACTORS = {"0.01 m/s2": 0.01, "2e-3 g": 0.0196133}
-SAID = {
+STATED = {
     "({})": "", "[{}]": "", "in {}": "", "above": "# units: {}\n", "as a field": "# field_unit: UTC, {}\n",
     "in Spanish": "# Unidades = {}\n", "beside a scale": "# full scale 4 g; units: {}\n", "below": "", "first": "",
 }  # fmt: skip
@@ -85,12 +85,12 @@ SAID = {
 @st.composite
 def columns(draw):
     """The motion in columns, said in a way in which programs and people do."""
-    text = draw(st.sampled_from([*SAID]))
+    text = draw(st.sampled_from([*STATED]))
     in_names = "{}" in text
     units = UNITS | (FACTORS if text == "({})" else {})
     units = {unit: entry for unit, entry in units.items() if "m/s" in unit or not text.startswith("in ")}
     unit = draw(st.sampled_from([*units]))
-    above, times, before = TIMES[draw(st.sampled_from([*TIMES] if in_names or SAID[text] else ["t"]))]
+    above, times, before = TIMES[draw(st.sampled_from([*TIMES] if in_names or STATED[text] else ["t"]))]
     # Where no time stands before it, a column N counts.
     names = draw(st.sampled_from(DIRECTIONS[not times :]))
     order = draw(st.permutations(range(3)))
@@ -101,7 +101,7 @@ def columns(draw):
     if draw(st.booleans()) and in_names:
         motion, named = np.column_stack([motion, np.linalg.norm(motion, axis=1)]), [*named, "Resultant"]
     heads = [[*times, *(f"{name} {text.format(unit)}" if in_names else name for name in named)]]
-    if not in_names and not SAID[text]:
+    if not in_names and not STATED[text]:
         heads.insert(text == "below", ["s", *[unit] * len(named)])
     cells = [
         [*before(n), *(f"{x:.7f}".replace(".", sign) for x in row)]
@@ -110,7 +110,7 @@ def columns(draw):
     lines = [separator.join(f"{quote}{cell}{quote}" for cell in row) for row in (*heads, *cells)]
     if draw(st.booleans()):
         lines.insert(150, "# S waves")
-    return above + SAID[text].format(unit) + "\n".join(lines) + "\n"
+    return above + STATED[text].format(unit) + "\n".join(lines) + "\n"
 
 
 GLUED = 0.9 * A / np.abs(A).max()

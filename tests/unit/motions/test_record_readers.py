@@ -1,4 +1,4 @@
-"""Each reader gives back what was written, in any encoding and spelling, and refuses contradictions and lost rows."""
+"""Readers give back what was written, in any encoding and spelling, and refuses contradictions and lost rows."""
 
 import gzip
 import re
@@ -342,8 +342,8 @@ def test_bearings_are_read_as_they_are_written(label, direction):
 
 TEXT = set(WRITERS) - {"miniseed", "sac"}
 READ = {"peer", "csmip_v1", "esm", "columns", "knet"}
-"""One of each kind of reader is read in each way, all others in the two that change most."""
-WAYS = {
+"""A format of every kind of reader is read in all spellings, all others in the two that change most."""
+SPELLINGS = {
     "DOS": lambda content: content.replace(b"\n", b"\r\n"),
     "old Mac": lambda content: content.replace(b"\n", b"\r"),
     "sent as text twice": lambda content: content.replace(b"\n", b"\r\r\n"),
@@ -379,10 +379,10 @@ def decimal_commas(content):
         *(
             pytest.param(name, change, id=f"{name}, {entry}")
             for name in sorted(READ)
-            for entry, change in WAYS.items()
+            for entry, change in SPELLINGS.items()
         ),
         *(
-            (name, WAYS[value])
+            (name, SPELLINGS[value])
             for name in sorted(TEXT - READ)
             for value in ("DOS' end of file", "UTF-16 of Windows")
         ),

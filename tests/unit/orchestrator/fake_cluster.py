@@ -70,7 +70,7 @@ class FakeCluster:
         return self.table.take([self.places[job] for job in ids])
 
     def look(self, work_left_s, at_hand):
-        """As of `DaskCluster`."""
+        """Do nothing, where `DaskCluster` replaces workers."""
 
     def threads(self):
         return self.workers

@@ -110,7 +110,7 @@ CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 ESCAPES = "\x1b]0;owned\x07\x1b[31m\x9b2J\x1bc\x08\x00"
 
 
-SAYS = f"""
+PRINTS = f"""
 import click, logging
 from pathlib import Path
 from toppling.models.errors import InputError
@@ -130,7 +130,7 @@ cli.main()
 
 
 def test_no_escape_sequence_of_a_file_reaches_terminal_or_log(tmp_path):
-    done = subprocess.run([sys.executable, "-c", SAYS], cwd=tmp_path, capture_output=True, check=False)
+    done = subprocess.run([sys.executable, "-c", PRINTS], cwd=tmp_path, capture_output=True, check=False)
     assert done.stdout == b"said\n"
     assert done.stderr.splitlines()[:2] == [b"also", b"toppling: here: wrong [a.b]"]
     log = (tmp_path / "run.log").read_text()

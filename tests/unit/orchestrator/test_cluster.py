@@ -180,13 +180,13 @@ def test_a_batch_job_that_has_ended_with_all_its_workers_is_resubmitted_and_a_wa
         cluster=cluster, sync=lambda function, *given, callback_timeout: function(*given)
     )
     supervisor = DaskCluster(client)
-    assert supervisor.gone() == []
+    assert supervisor.ended_jobs() == []
     cluster.here = {"first-0", "first-1"}
-    assert supervisor.gone() == []
+    assert supervisor.ended_jobs() == []
     cluster.here = {"first-1"}
-    assert supervisor.gone() == []
+    assert supervisor.ended_jobs() == []
     cluster.here = set()
-    assert supervisor.gone() == ["first"]
+    assert supervisor.ended_jobs() == ["first"]
     supervisor.resubmit()
     assert cluster.asked == [["first"], 2]
-    assert supervisor.gone() == []  # it waits again
+    assert supervisor.ended_jobs() == []  # it waits again

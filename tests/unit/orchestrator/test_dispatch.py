@@ -53,7 +53,7 @@ def test_under_any_course_of_events_every_job_ends_once_and_only_killers_are_giv
     assert given_up == ([killer] if killer < jobs else [])
 
 
-def idle_share_at_the_end(cost_s, duration_s, workers):
+def idle_fraction_at_the_end(cost_s, duration_s, workers):
     """Play a run against a clock, with the window of batches that the run keeps in flight."""
     dispatch, budget, room = Dispatch(np.arange(len(cost_s)), duration_s), budget_s(workers), FIRST_JOBS
     window, ended = [], np.zeros(workers)
@@ -83,4 +83,4 @@ def test_no_worker_idles_more_than_a_twentieth_of_a_study(workers, seed):
     record_of = record_of[order]
     cost_s = np.geomspace(3.0, 0.3, 140)[record_of] * random.lognormal(0.0, 0.8, len(record_of))
     cost_s *= 0.1 / cost_s.mean()
-    assert idle_share_at_the_end(cost_s, 140.0 - record_of, workers) <= 0.05
+    assert idle_fraction_at_the_end(cost_s, 140.0 - record_of, workers) <= 0.05

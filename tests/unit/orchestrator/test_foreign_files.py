@@ -89,7 +89,7 @@ CASES = [
     *(("run.json", verb) for verb in VERBS), *(("results.parquet", verb) for verb in ("resume", "replay", "audit")),
     *((WEIGHTS_FILE, verb) for verb in ("query", "fragility", "constrain", "status", "report")),
 ]  # fmt: skip
-"""Each file by one verb, and by each verb one file."""
+"""Every file is read by a verb, and every verb reads a file."""
 
 
 @pytest.mark.parametrize(("name", "verb"), CASES)

@@ -14,7 +14,7 @@ HELD_S = 2
 
 
 def hold(note):
-    """As native code that keeps every thread of its process waiting."""
+    """Block every thread of the process, as native code may."""
     note("holding")
     ctypes.PyDLL(None).sleep(HELD_S)
     return os.getpid()

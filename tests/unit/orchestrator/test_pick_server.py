@@ -29,7 +29,7 @@ class Heard:
     def wait(self, number, seconds):
         pass
 
-    def say(self, stated):
+    def set_hints(self, stated):
         self.said.append(stated)
 
     def save(self):

@@ -21,7 +21,7 @@ NEAR = [UserHints(near=(float(n), 0.0)) for n in range(6)]
 
 
 @dataclass(frozen=True)
-class Worked:
+class FakeResult:
     near: tuple
     inspection: object = None
 
@@ -49,7 +49,7 @@ def work(monkeypatch):
             raise InputError(
                 "scan.no_rock", "no rock", where="there", expected="a rock", remedy="look elsewhere"
             )
-        return Worked(near), np.zeros(3, np.int8), ("a note",)
+        return FakeResult(near), np.zeros(3, np.int8), ("a note",)
 
     def read(stated):
         made.reads.append(stated.of_the_cloud)
@@ -75,7 +75,7 @@ def work(monkeypatch):
     monkeypatch.setattr(picking_module, "answer_shown", lambda survey, worked: {"near": worked.near})
     monkeypatch.setattr(apart, "find_candidates", lambda points, surfels: [])
     monkeypatch.setattr(apart, "surfels_of", lambda points: None)
-    monkeypatch.setattr(Worked, "scene", scene, raising=False)
+    monkeypatch.setattr(FakeResult, "scene", scene, raising=False)
     return made
 
 
@@ -110,7 +110,7 @@ def until(picking, condition):
 def test_only_the_latest_hints_are_computed(picking, work):
     until(picking, lambda state: state["stage"] == "splitting")
     for text in NEAR[1:]:
-        picking.say(text)
+        picking.set_hints(text)
     work.go.set()
     state = until(picking, lambda state: state["current"])
     assert state["answer"]["near"] == NEAR[-1].near
@@ -122,7 +122,7 @@ def test_a_page_that_is_owed_an_answer_is_never_idle(picking, work):
     work.go.set()
     until(picking, lambda state: state["current"])
     work.go.clear()
-    picking.say(NEAR[1])
+    picking.set_hints(NEAR[1])
     assert picking.state()["stage"] in ("starting", "splitting")
 
 
@@ -130,7 +130,7 @@ def test_a_refusal_is_reported_and_goes_with_the_next_hint(picking, work, writte
     work.go.set()
     until(picking, lambda state: state["current"])
     work.refused.add(NEAR[1].near)
-    picking.say(NEAR[1])
+    picking.set_hints(NEAR[1])
     state = until(picking, lambda state: state["error"])
     assert state["error"] == {
         "what": "no rock",
@@ -144,13 +144,13 @@ def test_a_refusal_is_reported_and_goes_with_the_next_hint(picking, work, writte
     state = until(picking, lambda state: not state["saving"])
     assert "came no scene" in state["error"]["what"]
     assert not written
-    picking.say(NEAR[2])
+    picking.set_hints(NEAR[2])
     assert until(picking, lambda state: state["current"])["error"] is None
 
 
 def test_what_is_saved_is_what_was_stated_last(picking, work, written):
     until(picking, lambda state: state["stage"] == "splitting")
-    picking.say(NEAR[3])
+    picking.set_hints(NEAR[3])
     picking.save()
     work.go.set()
     state = until(picking, lambda state: state["saved"] == 1)
@@ -175,15 +175,15 @@ def test_a_cloud_that_is_placed_anew_is_read_and_split_anew(picking, work):
     number = until(picking, lambda state: state["current"])["view"]["number"]
     assert not work.reads
     turned = UserHints(up="y", near=NEAR[1].near)
-    picking.say(turned)
+    picking.set_hints(turned)
     state = until(picking, lambda state: state["current"])
     assert work.reads == [UserHints(up="y")]
     assert state["origin_m"] == [0.0, 0.0, 0.0]
     assert state["view"]["number"] > number
-    picking.say(UserHints(units="mm"))
+    picking.set_hints(UserHints(units="mm"))
     state = until(picking, lambda state: state["error"])
     assert state["error"]["what"] == "no unit"
     assert state["answer"]["near"] == NEAR[1].near
-    picking.say(turned)
+    picking.set_hints(turned)
     until(picking, lambda state: state["current"])
     assert len(work.reads) == 2

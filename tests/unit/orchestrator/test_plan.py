@@ -16,7 +16,7 @@ from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from refusals import refused
-from small_campaigns import campaign_in
+from small_campaigns import VERSIONS, campaign_in
 
 import toppling.models
 from toppling.models.motions.ensemble import Ensemble
@@ -29,10 +29,9 @@ from toppling.orchestrator.code_identity import SOURCES, code
 from toppling.orchestrator.pilot import timed_jobs
 from toppling.orchestrator.plan import JOBS_OF_A_SCENE, balanced_order, block_jobs, plan, plan_of
 from toppling.orchestrator.run import run
-from toppling.orchestrator.run_folder import describe, place_in, prepare
+from toppling.orchestrator.run_folder import place_in, prepare
+from toppling.results.run_integrity import run_document
 from toppling.workers.unmeasured import Unmeasured
-
-VERSIONS = {"physics": "1"}
 
 
 @pytest.fixture(scope="module")
@@ -131,7 +130,7 @@ def test_a_run_holds_all_that_is_needed_to_repeat_it(campaign, tmp_path):
     copied = Campaign.read(tmp_path / "run" / "campaign.toml")
     assert copied.scene == tmp_path / "run" / "scene"
     assert plan(copied, Scene.load(copied.scene), Ensemble.load(copied.ensemble)).id == whole.id
-    assert describe(tmp_path / "run")["jobs"] == len(whole)
+    assert run_document(tmp_path / "run")["jobs"] == len(whole)
 
 
 def test_another_campaign_or_version_is_refused_and_the_run_is_left_as_it_was(campaign, tmp_path):
@@ -140,7 +139,7 @@ def test_another_campaign_or_version_is_refused_and_the_run_is_left_as_it_was(ca
     with refused("run.of_another_campaign"):
         prepare(tmp_path / "run", planned(campaign, preset="fast"), VERSIONS)
     with refused("run.versions_differ", "1", "2"):
-        prepare(tmp_path / "run", planned(campaign), {"physics": "2"})
+        prepare(tmp_path / "run", planned(campaign), VERSIONS | {"physics": "2"})
     # Another engine has other versions too: what was changed is said, not what follows from it.
     with refused("run.of_another_campaign", "'pybullet'", "'mujoco'") as error:
         prepare(tmp_path / "run", planned(campaign, engine="mujoco", restitution=(0.0,)), {"mujoco": "4"})

@@ -6,6 +6,7 @@ import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
 from reference import idealised
+from small_campaigns import VERSIONS
 
 import toppling
 from toppling.models.motions.ensemble import Ensemble
@@ -48,7 +49,7 @@ def run(tmp_path_factory, scene):
         "azimuth_deg": [0.0], "friction": [[0.7, 0.6]], "realisations": 4, "preset": "fast",
     }  # fmt: skip
     planned = plan(Campaign.of(content, folder), Scene.load(scene), ensemble)
-    prepare(folder / "run", planned, {})
+    prepare(folder / "run", planned, VERSIONS)
     assets = Assets(Scene.load(scene), ensemble)
     rows = [run_job(planned.spec(k), assets) | {"attempt": 1} for k in range(len(planned))]
     write_part(folder / "run", rows)

@@ -26,7 +26,7 @@ from toppling.orchestrator.studies.seismograms import (
 
 
 @dataclass(frozen=True)
-class Told:
+class Judged:
     record_id: str
     outcome: str
     probability: float
@@ -44,7 +44,7 @@ def judge(scene, record, factors, preset):
             remedy="none",
         )
     toppled = record.intensity["pga_m_s2"] > 10 * width
-    return Told(record.record_id, "toppled" if toppled else "stands", float(toppled))
+    return Judged(record.record_id, "toppled" if toppled else "stands", float(toppled))
 
 
 @pytest.fixture(autouse=True)

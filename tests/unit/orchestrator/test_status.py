@@ -11,7 +11,7 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 from refusals import refused
-from small_campaigns import planned_in
+from small_campaigns import VERSIONS, planned_in
 
 from toppling.orchestrator.journal import LOG_FILE, journal, last, log_event
 from toppling.orchestrator.run_folder import claimed, prepare, session
@@ -23,7 +23,7 @@ from toppling.results.store import write_part
 @pytest.fixture
 def planned(tmp_path):
     planned = planned_in(tmp_path, (0.6,), pga_m_s2=[1, 2, 3, 4, 5], azimuth_deg=[0, 90, 180])
-    prepare(tmp_path / "run", planned, {})
+    prepare(tmp_path / "run", planned, VERSIONS)
     return planned
 
 

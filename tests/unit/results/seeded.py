@@ -44,7 +44,7 @@ def rows(records=20, levels=range(1, 20), azimuths=(0.0, 90.0), seed=7, friction
 
 
 def row(job_id, **values):
-    """One row, complete but for what the test does not look at."""
+    """Row that is complete but for what the test does not look at."""
     fixed = {
         "job_id": job_id, "scene_id": "scene", "record_id": "R000", "level_pga_m_s2": 1.0, "azimuth_deg": 0.0,
         "friction_static": 1.0, "friction_kinetic": 1.0, "restitution": 0.0, "realisation": 0,

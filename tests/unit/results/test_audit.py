@@ -10,6 +10,7 @@ import pyarrow as pa
 import pytest
 import statsmodels.api as sm
 from seeded import row
+from small_campaigns import run_in
 
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.studies import audit as audits
@@ -141,10 +142,10 @@ def saved(folder, jobs, again):
     def as_rows(frame):
         return [row(**entry) for entry in frame[keep].astype({"toppled": object}).to_dict("records")]
 
-    write_part(folder, as_rows(jobs))
+    run_in(folder, as_rows(jobs))
     for name in ("reference", "mujoco"):
         (folder / "audit" / name).mkdir(parents=True)
-        (folder / "audit" / name / "drawn.json").write_text('{"until": null}')
+        (folder / "audit" / name / "drawn.json").write_text('{"plan_id": "plan", "until": null}')
         write_part(folder / "audit" / name, as_rows(first(again).assign(preset=name)))
 
 
@@ -168,7 +169,9 @@ def test_audit_rows_never_mix_with_answers_and_the_json_names_both_engines(tmp_p
 def test_rows_that_came_after_the_sample_was_drawn_are_not_what_it_stands_for(tmp_path):
     jobs, again = population(7, records=12)
     saved(tmp_path, jobs, again)
-    (tmp_path / "audit" / "reference" / "drawn.json").write_text('{"until": "2026-06-01T00:00:00+00:00"}')
+    (tmp_path / "audit" / "reference" / "drawn.json").write_text(
+        '{"plan_id": "plan", "until": "2026-06-01T00:00:00+00:00"}'
+    )
     late = pd.Timestamp("2026-07-01", tz="UTC")
     write_part(tmp_path, [row("-" * 24, record_id="R999", finished_at=late, pga_m_s2=9.0, toppled=True)])
     audit = audits_of(open_run(tmp_path))["reference"]

@@ -12,16 +12,16 @@ from click.testing import CliRunner
 from hazard_samples import event_set, openquake_curves, realisations
 from scipy.stats import norm
 from seeded import THETA_M_S, rows
+from small_campaigns import run_in
 
 from toppling.models.motions.measures import STANDARD_G_M_S2 as G
 from toppling.orchestrator.cli import cli
 from toppling.results.analysis.exchange import write_curves
 from toppling.results.analysis.lognormal import Basis, Lognormal
 from toppling.results.drawing.run_figures import write_fits
-from toppling.results.drawing.sentences import answer, share_words
+from toppling.results.drawing.sentences import answer, percent
 from toppling.results.hazard.readers import read_hazard
 from toppling.results.reader import open_run
-from toppling.results.store import write_part
 
 
 @pytest.fixture
@@ -41,26 +41,27 @@ def constrain(*arguments):
     return CliRunner().invoke(cli, ["constrain", *map(str, arguments)])
 
 
-def told_by(*arguments):
+def statement_of(*arguments):
     done = constrain(*arguments, "--json")
     assert done.exit_code == 0, done.output
     return json.loads(done.stdout)
 
 
 def test_a_run_but_no_file_states_how_far_other_records_would_move_its_bound(tmp_path, curves):
-    write_part(tmp_path, rows(records=30, azimuths=(0.0,)))
-    statement = told_by(str(tmp_path))
+    run_in(tmp_path, rows(records=30, azimuths=(0.0,)))
+    statement = statement_of(str(tmp_path))
     assert statement["unexceeded_low"] < statement["unexceeded"] < statement["unexceeded_high"]
     # At a confidence of one half the bound is the median; 570 jobs give it to about 4 %.
-    assert told_by(str(tmp_path), "--confidence", "0.5")["unexceeded"] == pytest.approx(THETA_M_S, rel=0.12)
-    assert told_by(curves)["unexceeded_low"] is None
+    assert statement_of(str(tmp_path), "--confidence", "0.5")["unexceeded"] == pytest.approx(
+        THETA_M_S, rel=0.12
+    )
+    assert statement_of(curves)["unexceeded_low"] is None
 
 
 def test_a_contact_is_chosen_among_several_with_the_data_of_its_own_run(tmp_path, curves):
     rough = rows(records=8, azimuths=(0.0,), friction=0.8)
     for name, jobs in (("one", rough), ("both", rough + rows(records=8, azimuths=(0.0,), friction=0.5))):
-        (tmp_path / name / "run").mkdir(parents=True)
-        write_part(tmp_path / name / "run", jobs)
+        run_in(tmp_path / name / "run", jobs)
     assert constrain(str(tmp_path / "both" / "run")).exception.code == "run.several_contacts"
     none = constrain(str(tmp_path / "both" / "run"), "--where", "friction_static = 9")
     assert none.exception.code == "run.no_job_left"
@@ -69,6 +70,8 @@ def test_a_contact_is_chosen_among_several_with_the_data_of_its_own_run(tmp_path
         json.loads(constrain(str(tmp_path / name / "run"), *options).stdout)
         for name, options in (("both", chosen), ("one", ("--json",)))
     )
+    for statement, jobs in ((document, 2 * len(rough)), (alone, len(rough))):
+        assert statement["rocks"][0].pop("jobs_planned") == statement["rocks"][0].pop("jobs_done") == jobs
     assert document == alone
     assert document["unexceeded_low"] is not None
     assert constrain(curves, *chosen).exit_code == 2
@@ -117,7 +120,7 @@ def test_a_verdict_that_hangs_on_what_the_curve_leaves_out_is_reported(tmp_path,
     both = [
         argument for name in ("whole", "late") for argument in ("--hazard", str(tmp_path / f"{name}.csv"))
     ]
-    whole, late = told_by(curves, "--age", "2000", *both)["branches"]
+    whole, late = statement_of(curves, "--age", "2000", *both)["branches"]
     assert (whole["inconsistent"], late["inconsistent"]) == (True, False)
     # The late curve is the whole one without its low end: the same power law goes on below it.
     assert late["survival_least"] == pytest.approx(whole["survival"], rel=1e-4)
@@ -130,7 +133,7 @@ def test_the_verdict_comes_first_and_nothing_is_updated_where_all_is_rejected(
     tmp_path, curves, hazards, asked, all_of_them
 ):
     branches = [argument for number in asked for argument in ("--hazard", hazards[number])]
-    statement = told_by(curves, "--age", "10000", *branches)
+    statement = statement_of(curves, "--age", "10000", *branches)
     assert all(branch["inconsistent"] for branch in statement["branches"]) == all_of_them
     names = {
         "branches": "posterior_weight",
@@ -148,7 +151,7 @@ def test_the_verdict_comes_first_and_nothing_is_updated_where_all_is_rejected(
 @pytest.mark.parametrize(("confidence", "inconsistent"), [("0.5", True), ("0.95", False)])
 def test_a_branch_is_rejected_at_the_confidence_that_is_asked_for(curves, hazards, confidence, inconsistent):
     age, asked = ["--age", "100000"], ["--hazard", hazards[0], "--confidence", confidence]
-    branch = told_by(curves, *age, *asked)["branches"][0]
+    branch = statement_of(curves, *age, *asked)["branches"][0]
     assert branch["survival"] == pytest.approx(math.exp(-1e5 * 1e-5 / 1.44 * math.exp(0.32)), rel=1e-3)
     assert branch["inconsistent"] == inconsistent
 
@@ -188,7 +191,7 @@ def openquake_tree(folder, weights=(0.4, 0.6), site=(10.0, 45.0)):
 
 def test_a_tree_is_updated_by_the_rocks_survival_with_factors_of_their_closed_form(tmp_path, curves):
     tree = openquake_tree(tmp_path / "tree")
-    statement = told_by(curves, "--age", "10000", "--hazard", tree)
+    statement = statement_of(curves, "--age", "10000", "--hazard", tree)
     rates = [rate / 1.44 * math.exp(0.32) for rate in (1e-5, 1e-4)]
     alive = [math.exp(-1e4 * rate) for rate in rates]
     assert [branch["survival"] for branch in statement["branches"]] == pytest.approx(alive, rel=1e-3)
@@ -214,7 +217,7 @@ def test_a_tree_is_updated_by_the_rocks_survival_with_factors_of_their_closed_fo
 
 def test_an_uncertain_age_reaches_factors_updated_mean_and_verdict(tmp_path, curves, hazards):
     tree = openquake_tree(tmp_path / "tree")
-    statement = told_by(curves, "--age", "5000..20000", "--hazard", tree)
+    statement = statement_of(curves, "--age", "5000..20000", "--hazard", tree)
     assert statement["intervals_carry"] == ["age"]
     branch = statement["branches"][0]
     exact = [math.sqrt(-math.log(0.05) / (age * 1e-5 / 1.44 * math.exp(0.32))) for age in (19625, 5375)]
@@ -222,8 +225,8 @@ def test_an_uncertain_age_reaches_factors_updated_mean_and_verdict(tmp_path, cur
     assert branch["scale_factor_high"] == pytest.approx(exact[1], rel=0.01)
     row = statement["updated"][4]
     assert row["rate_posterior_mean_low"] < row["rate_posterior_mean"] < row["rate_posterior_mean_high"]
-    single = told_by(curves, "--age", "5000..20000", "--hazard", hazards[0])
-    ends = [share_words(single["branches"][0][f"survival_{end}"]) for end in ("low", "high")]
+    single = statement_of(curves, "--age", "5000..20000", "--hazard", hazards[0])
+    ends = [percent(single["branches"][0][f"survival_{end}"]) for end in ("low", "high")]
     assert f"(95 %: {' to '.join(ends)})" in answer(single)[0]
 
 
@@ -248,7 +251,7 @@ def test_the_hazard_written_back_is_a_tree_with_the_new_weights(tmp_path, curves
 
 def test_several_rocks_have_a_common_fragility_with_the_spread_between_them(tmp_path, curves):
     other = str(write_curves(tmp_path / "other.json", [Lognormal("pgv_m_s", 1.5, 0.3)]))
-    statement = told_by(curves, other)["random_rock"]
+    statement = statement_of(curves, other)["random_rock"]
     assert statement["median"] == pytest.approx(math.sqrt(1.2 * 1.5))
     between = math.log(1.5 / 1.2) / math.sqrt(2)
     assert statement["beta"] == pytest.approx(math.sqrt((0.4**2 + 0.3**2) / 2 + between**2))
@@ -278,8 +281,8 @@ def events(tmp_path):
 
 
 def test_factors_of_rates_and_of_the_mean_follow_from_the_branches_rates(rocks, events):
-    """Of one age A: k = -ln(.05) / (nu A), and the mean's nu is the weighted mean of the branches'."""
-    statement = told_by(rocks[0], "--hazard", events, "--site", "aa", "--age", "300")
+    """For a single age A: k = -ln(.05) / (nu A), and the mean's nu is the weighted mean of the branches'."""
+    statement = statement_of(rocks[0], "--hazard", events, "--site", "aa", "--age", "300")
     for row in statement["branches"]:
         assert row["rate_factor"] == pytest.approx(-math.log(0.05) / (300 * row["toppling_rate"]))
         assert row["rate_factor_low"] < row["rate_factor"] < row["rate_factor_high"]
@@ -292,7 +295,7 @@ def test_factors_of_rates_and_of_the_mean_follow_from_the_branches_rates(rocks, 
 
 def test_rocks_that_survive_under_no_branch_are_named_and_their_rates_have_an_interval(rocks, events):
     given = (*rocks, "--hazard", events, "--site", "aa", "--age", "1000000")
-    statement = told_by(*given)
+    statement = statement_of(*given)
     assert [branch["survival"] for branch in statement["branches"]] == pytest.approx([0.0, 0.0], abs=1e-300)
     for single in (statement["mean"], *statement["branches"]):
         assert 0.0 < single["rate_factor_low"] < single["rate_factor"] < single["rate_factor_high"]
@@ -304,8 +307,8 @@ def test_rocks_that_survive_under_no_branch_are_named_and_their_rates_have_an_in
 def test_the_scale_factor_is_where_survival_falls_to_five_per_cent(rocks, events):
     """Motions as much stronger, by --ratio, leave 5 %."""
     asked = [rocks[0], "--hazard", events, "--site", "aa", "--age", "300"]
-    factor = told_by(*asked)["branches"][0]["scale_factor"]
-    assert told_by(*asked, "--ratio", factor)["branches"][0]["survival"] == pytest.approx(0.05, abs=1e-3)
+    factor = statement_of(*asked)["branches"][0]["scale_factor"]
+    assert statement_of(*asked, "--ratio", factor)["branches"][0]["survival"] == pytest.approx(0.05, abs=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -336,7 +339,7 @@ def test_two_measures_at_once_need_events_that_correlate_them_which_the_engines_
     table.write_text("event_id,annual_rate,pga_m_s2,pgv_m_s\n1,1e-4,8,1\n2,1e-3,3,.3\n")
     asked = ["--age", "5000", "--measure", "pga_m_s2+pgv_m_s"]
     rates = norm.cdf(-2.8 + 1.6 * np.log([8, 3]) + 2.2 * np.log([1, 0.3])) @ [1e-4, 1e-3]
-    (branch,) = told_by(rock, "--hazard", table, *asked)["branches"]
+    (branch,) = statement_of(rock, "--hazard", table, *asked)["branches"]
     assert branch["survival"] == pytest.approx(math.exp(-5000 * rates))
     fields = tmp_path / "gmf-data_1.csv"
     fields.write_text("event_id,gmv_PGA,gmv_PGV,custom_site_id\n0,.8,100,aa\n1,.3,30,aa\n")
@@ -357,7 +360,7 @@ def test_a_set_of_events_stands_alone_and_its_options_need_it(rocks, events, tmp
 def test_a_rock_that_eroded_is_constrained_between_a_buried_rock_and_an_exposed_rock(curves, hazards):
     asked = [curves, "--hazard", hazards[0], "--age", "12000"]
     options = ([], ["--fragile-since", "4000:1.5"], ["--fragile-since", "4000"])
-    bare, less_fragile, buried = (told_by(*asked, *more)["branches"][0]["survival"] for more in options)
+    bare, less_fragile, buried = (statement_of(*asked, *more)["branches"][0]["survival"] for more in options)
     assert bare < less_fragile < buried
     # A power law of exponent 2: motions that topple 1.5 times stronger are 1.5^2 times rarer.
     assert math.log(less_fragile) / math.log(bare) == pytest.approx((4000 + 8000 / 1.5**2) / 12000, rel=0.01)
@@ -367,8 +370,7 @@ def test_a_rock_that_eroded_is_constrained_between_a_buried_rock_and_an_exposed_
 @pytest.mark.usefixtures("empty_figures")
 def test_two_measures_at_once_are_judged_by_their_joint_rate(tmp_path):
     run = tmp_path / "run"
-    run.mkdir()
-    write_part(run, rows(records=24, azimuths=(0.0, 90.0)))
+    run_in(run, rows(records=24, azimuths=(0.0, 90.0)))
     for name, measure, strongest in (("a", "pga_m_s2", 8.0), ("v", "pgv_m_s", 1.0)):
         lines = [f"{x},{1e-4 * (x / strongest) ** -2.5}" for x in np.geomspace(0.05, 8, 14) * strongest]
         (tmp_path / f"{name}.csv").write_text("\n".join([f"{measure},annual_rate", *lines]) + "\n")
@@ -377,15 +379,15 @@ def test_two_measures_at_once_are_judged_by_their_joint_rate(tmp_path):
     for name in ("a", "v"):
         (tmp_path / f"{name}.csv").rename(folder / f"{name}.csv")
     asked = [run, "--hazard", folder, "--age", "5000"]
-    statement = told_by(*asked, "--measure", "pga_m_s2+pgv_m_s", "--correlation", "0.6")
+    statement = statement_of(*asked, "--measure", "pga_m_s2+pgv_m_s", "--correlation", "0.6")
     assert len(statement["rocks"][0]["coefficients"]) == 3
     row = statement["branches"][0]
     assert row["survival_low"] < row["survival"] < row["survival_high"]
     assert {entry["measure"] for entry in statement["updated"]} == {"pga_m_s2", "pgv_m_s"}
     assert "joint rate" not in statement["intervals_carry"]
-    unstated = told_by(*asked, "--measure", "pga_m_s2+pgv_m_s")
+    unstated = statement_of(*asked, "--measure", "pga_m_s2+pgv_m_s")
     assert "joint rate" in unstated["intervals_carry"]
-    known = told_by(*asked, "--measure", "pga_m_s2+pgv_m_s", "--correlation", "0.733")
+    known = statement_of(*asked, "--measure", "pga_m_s2+pgv_m_s", "--correlation", "0.733")
     wide, stated = (entry["branches"][0] for entry in (unstated, known))
     assert wide["survival"] == pytest.approx(stated["survival"])
     assert wide["survival_high"] - wide["survival_low"] > stated["survival_high"] - stated["survival_low"]
@@ -393,7 +395,7 @@ def test_two_measures_at_once_are_judged_by_their_joint_rate(tmp_path):
     list(write_fits(open_run(run).frame(), tmp_path, "run"))
     for suffix in (".csv", ".json"):
         asked[0] = tmp_path / "fits" / f"curves{suffix}"
-        again = told_by(*asked, "--measure", "pga_m_s2+pgv_m_s", "--correlation", "0.6")["branches"][0]
+        again = statement_of(*asked, "--measure", "pga_m_s2+pgv_m_s", "--correlation", "0.6")["branches"][0]
         number = {name for name, value in row.items() if isinstance(value, float)}
         assert {name: again[name] for name in number} == pytest.approx(
             {name: row[name] for name in number}, rel=1e-4
@@ -403,14 +405,14 @@ def test_two_measures_at_once_are_judged_by_their_joint_rate(tmp_path):
 @pytest.mark.usefixtures("empty_figures")
 def test_the_events_with_their_new_weights_are_read_back_as_a_tree(rocks, events, tmp_path):
     out, asked = tmp_path / "out", ["--age", "300", "--ratio", "1.2"]
-    told_by(*rocks, "--hazard", events, *asked, "--site", "aa", "--site", "bb", "--out", out)
+    statement_of(*rocks, "--hazard", events, *asked, "--site", "aa", "--site", "bb", "--out", out)
     shutil.unpack_archive(out / "openquake.zip", tmp_path / "two")
     assert (
         len((tmp_path / "two" / "hazard_curve-mean-PGA.csv").read_text().splitlines()) == 4
     )  # two of them sites
-    statement = told_by(rocks[0], "--hazard", events, *asked, "--site", "aa", "--out", out)
+    statement = statement_of(rocks[0], "--hazard", events, *asked, "--site", "aa", "--out", out)
     shutil.unpack_archive(out / "openquake.zip", tmp_path / "one")
-    again = told_by(rocks[0], "--hazard", tmp_path / "one", *asked)
+    again = statement_of(rocks[0], "--hazard", tmp_path / "one", *asked)
     for row, before in zip(again["branches"], statement["branches"], strict=True):
         assert row["prior_weight"] == pytest.approx(before["posterior_weight"], rel=1e-6)
     rates, found = (
@@ -433,5 +435,16 @@ def test_a_spectral_acceleration_of_any_period_has_its_hazard(tmp_path):
     fields.write_text("event_id,SA(3.0) (g),annual_rate\n0,0.1,1e-3\n1,0.4,1e-4\n")
     for hazard in (curve, fields):
         for measure in ([], ["--measure", "sa_3s_m_s2"]):
-            statement = told_by(rock, "--hazard", hazard, "--age", "300", *measure)
+            statement = statement_of(rock, "--hazard", hazard, "--age", "300", *measure)
             assert statement["measure"] == "sa_3s_m_s2"
+
+
+@pytest.mark.parametrize(("other", "spread"), [("1.1e-5", True), ("1.0001e-5", False)])
+def test_an_interval_over_branches_is_printed_where_its_ends_differ(tmp_path, other, spread):
+    rock = write_curves(tmp_path / "rock.csv", [Lognormal("pga_m_s2", 2.0, 0.3)])
+    for name, rate in (("a", "1e-5"), ("b", other)):
+        (tmp_path / f"{name}.csv").write_text(f"PGA (g),annual_rate\n0.05,1e-2\n0.2,1e-3\n1,{rate}\n")
+    branches = [part for name in "ab" for part in ("--hazard", f"{tmp_path / name}.csv=0.5")]
+    text = constrain(rock, *branches, "--age", "300").stdout
+    assert "of the mean hazard stays at" in text
+    assert ("(5-95 %: " in text) == spread

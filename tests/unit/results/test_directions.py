@@ -12,7 +12,7 @@ from toppling.results.analysis.fragility import (
     compare_frictions,
     compare_jobs,
     least_sector,
-    sector_share,
+    sector_fraction,
     topple_rose,
 )
 from toppling.results.drawing.maps import friction_figure
@@ -35,11 +35,11 @@ def four():
 
 
 def test_the_fraction_of_a_sector_includes_its_bounds_and_excludes_jobs_without_an_answer(four):
-    result = sector_share(four, 122.5, 157.5)
+    result = sector_fraction(four, 122.5, 157.5)
     assert (result["jobs"], result["toppled"], result["toppled_within"]) == (4, 3, 2)
     assert result["share_of_jobs"] == pytest.approx(0.5)
-    assert sector_share(four, 350.0, 10.0)["toppled_within"] == 1  # across azimuth zero
-    assert sector_share(four, 0.0, 360.0)["share_of_toppled"] == 1.0
+    assert sector_fraction(four, 350.0, 10.0)["toppled_within"] == 1  # across azimuth zero
+    assert sector_fraction(four, 0.0, 360.0)["share_of_toppled"] == 1.0
 
 
 def test_the_sector_of_a_rock_is_where_the_least_acceleration_topples_it_to():

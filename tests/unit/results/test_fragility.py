@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from refusals import refused
 from scipy.special import ndtr
 from seeded import row, rows
+from small_campaigns import run_in
 
 from toppling.models.files.digest import write_table
 from toppling.models.motions.quality import is_beyond
@@ -29,8 +30,6 @@ from toppling.results.analysis.fragility import (
 )
 from toppling.results.analysis.lognormal import Lognormal, fit
 from toppling.results.analysis.unphysical import unphysical_of
-from toppling.results.reader import open_run
-from toppling.results.store import write_part
 
 
 @pytest.fixture
@@ -44,11 +43,8 @@ def hand_made(tmp_path):
         row("e", record_id="D", level_pga_m_s2=4.0, pgv_pga_s=0.24, pgv_m_s=0.96, status="undecided"),
     ]
     angles = [0.0, 22.4, -22.5, 337.4, 22.5]
-    write_part(
-        tmp_path,
-        [job | {"ground_accelerates_toward_deg": angle} for job, angle in zip(jobs, angles, strict=True)],
-    )
-    return open_run(tmp_path).frame()
+    toward = [job | {"ground_accelerates_toward_deg": angle} for job, angle in zip(jobs, angles, strict=True)]
+    return run_in(tmp_path, toward).frame()
 
 
 def test_cells_count_what_is_there_and_no_more(hand_made):
@@ -189,14 +185,16 @@ def test_equal_weights_change_nothing_and_unequal_weights_widen_the_interval():
 
 
 def test_a_run_takes_the_weights_of_its_ensemble(tmp_path):
-    write_part(tmp_path, rows(records=3, levels=(2, 4), azimuths=(0.0,)))
-    run = open_run(tmp_path)
+    jobs = rows(records=3, levels=(2, 4), azimuths=(0.0,))
+    run = run_in(tmp_path / "equal", jobs)
     assert "record_weight" not in run.weighted(run.frame())
-    (tmp_path / "ensemble").mkdir()
     names = ["R000", "R001", "R002", "unused"]
     for weights, want in (([1.0, 1.0, 1.0, 1.0], None), ([0.1, 0.2, 0.3, 0.4], {0.5, 1.0, 1.5})):
+        folder = tmp_path / f"{weights[0]}"
+        (folder / "ensemble").mkdir(parents=True)
         catalogue = pa.table({"record_id": names, "weight": weights})
-        write_table(catalogue, tmp_path / "ensemble" / "catalog.parquet")
+        write_table(catalogue, folder / "ensemble" / "catalog.parquet")
+        run = run_in(folder, jobs)
         frame = run.weighted(run.frame())
         found = set(frame["record_weight"].round(12)) if "record_weight" in frame else None
         assert found == want
@@ -204,10 +202,8 @@ def test_a_run_takes_the_weights_of_its_ensemble(tmp_path):
 
 @pytest.fixture
 def run(tmp_path):
-    write_part(
-        tmp_path, [r | {"pgd_m": r["pgv_m_s"] / 3.0} for r in rows(records=20, levels=range(2, 20, 2))]
-    )
-    return open_run(tmp_path)
+    jobs = [r | {"pgd_m": r["pgv_m_s"] / 3.0} for r in rows(records=20, levels=range(2, 20, 2))]
+    return run_in(tmp_path, jobs)
 
 
 def test_counts_and_changes_are_those_of_the_rows(run):
@@ -256,8 +252,7 @@ def test_weights_of_records_count(run):
 
 @pytest.mark.parametrize("known", [(), ("pga_m_s2", "sa_1s_m_s2")])
 def test_a_curve_that_the_answers_do_not_bear_is_refused_by_the_measures_that_they_do(known, tmp_path):
-    (tmp_path / "parts").mkdir()
-    curves = {"0.8": {name: Lognormal(name, 4.0, 0.3) for name in known}}
-    drawn = Fragility(open_run(tmp_path), tmp_path, [], pd.DataFrame(), None, {}, curves=curves)
+    run, curves = run_in(tmp_path, []), {"0.8": {name: Lognormal(name, 4.0, 0.3) for name in known}}
+    drawn = Fragility(run, tmp_path, [], pd.DataFrame(), None, {}, curves=curves)
     with refused("fragility.no_curve", tmp_path, "pgv_m_s", *known or ["none"]):
         drawn.curve("pgv_m_s", "0.8")

@@ -262,7 +262,7 @@ def test_a_rock_left_out_is_predicted_by_the_branches_as_the_others_weigh_them()
 
 
 def test_events_drawn_anew_vary_as_poisson_counts_do():
-    """One level of motion: the rate is a count over a time, with the relative spread 1 / sqrt(count)."""
+    """For a single level of motion the rate is a count over a time, with the relative spread 1 / sqrt(count)."""
     pga = np.full((400, 1), 0.5 * G)
     branches = [EventBranch("many", np.full(400, 1e-4), {"pga_m_s2": pga}) for _ in range(10)]
     once = exposure(joint_ages([parse_age("50")]))

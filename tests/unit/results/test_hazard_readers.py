@@ -79,7 +79,7 @@ SAME = {
         for new in (False, True)
     },
 }
-"""One hazard curve as programs and people save it."""
+"""A hazard curve as programs and people save it."""
 
 
 @pytest.mark.parametrize("text", SAME.values(), ids=SAME)

@@ -19,7 +19,7 @@ from toppling.results.hazard.update import Update
 G = 9.80665
 ROCK = Lognormal("pga_m_s2", 0.3 * G, 0.3)
 TOPPLING_RATES = RATE_AT_1 * np.arange(1, 5) * 0.3**-2 * math.exp(0.5 * (2 * 0.3) ** 2)
-"""Of the rock under each branch, a power law."""
+"""The rock's toppling rate under every branch, a power law."""
 
 
 @pytest.fixture(scope="module")

@@ -103,7 +103,7 @@ def test_full_correlation_ties_the_measures_by_their_rates():
 @pytest.mark.parametrize("sigma", [0.58, 0.67])
 @pytest.mark.parametrize("many", [True, False])
 def test_the_true_joint_rate_lies_between_those_of_the_readings(surface, sigma, many):
-    """Of one earthquake or of many, by models of small and large residuals."""
+    """Joint rates of an earthquake or of many, by models of small and large residuals."""
     rate, mean_pga, sigma_pga, mean_pgv, _ = (
         entry[slice(None) if many else slice(0, 1)] for entry in seismicity()
     )

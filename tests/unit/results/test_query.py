@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 from refusals import refused
 from seeded import row, rows
-from small_campaigns import run_document
+from small_campaigns import run_in
 
 import toppling.orchestrator.status
 import toppling.results.queries
@@ -21,19 +21,17 @@ from toppling.orchestrator.cli import cli
 from toppling.orchestrator.status import state_of
 from toppling.results.queries import ask
 from toppling.results.reader import open_run
-from toppling.results.run_integrity import digests_of
 from toppling.results.store import compact, read_steady, write_part
 
 
 @pytest.fixture
 def run_folder(tmp_path):
     folder = tmp_path / "run"
-    folder.mkdir()
-    write_part(folder, rows(records=3, levels=(1, 2), azimuths=(0.0,)))
     Scene.block(0.2, 0.2, 0.6).save(folder / "scene")
     (folder / "ensemble").mkdir()
     catalogue = pa.table({"record_id": ["R000", "R001", "R002"], "magnitude": [6.5, 7.0, 7.5]})
     write_table(catalogue, folder / "ensemble" / "catalog.parquet")
+    run_in(folder, rows(records=3, levels=(1, 2), azimuths=(0.0,)))
     return folder
 
 
@@ -66,8 +64,6 @@ def test_parts_that_are_merged_around_a_step_of_a_reading_neither_stop_it_nor_ar
     run_folder, monkeypatch, reader, module, step, before
 ):
     """Merged for real, once, where a run's end may fall."""
-    described = run_document(jobs=7, files=digests_of(run_folder))
-    (run_folder / "run.json").write_text(json.dumps(described))
     write_part(run_folder, [row("late")])
     taken = getattr(module, step)
 
@@ -98,8 +94,7 @@ def test_a_reading_that_fails_by_itself_is_not_tried_again(run_folder):
 
 
 def test_a_run_without_rows_yet_answers_with_none(tmp_path):
-    (tmp_path / "parts").mkdir()
-    assert open_run(tmp_path).sql("select count(*) n from results").to_pylist() == [{"n": 0}]
+    assert run_in(tmp_path, []).sql("select count(*) n from results").to_pylist() == [{"n": 0}]
 
 
 def test_results_join_their_records_and_their_scene(run_folder):
@@ -112,16 +107,12 @@ def test_results_join_their_records_and_their_scene(run_folder):
 
 
 def test_several_runs_are_distinguished_by_their_folder(run_folder, tmp_path):
-    other = tmp_path / "other"
-    other.mkdir()
-    write_part(other, rows(records=2, levels=(1,), azimuths=(0.0,), friction=0.6))
-    counts = ask(
-        [open_run(run_folder), open_run(other)],
-        "select run, count(*) n from results group by run order by run",
-    )
+    other = run_in(tmp_path / "other", rows(records=2, levels=(1,), azimuths=(0.0,), friction=0.6))
+    sql = "select run, count(*) n from results group by run order by run"
+    counts = ask([open_run(run_folder), other], sql)
     assert counts.to_pylist() == [{"run": "other", "n": 2}, {"run": "run", "n": 6}]
     with refused("run.names_repeated"):
-        ask([open_run(other), open_run(other)], "select 1")
+        ask([other, other], "select 1")
 
 
 def test_a_folder_that_is_no_run_and_a_query_that_is_no_sql_are_refused(run_folder, tmp_path):
@@ -204,8 +195,7 @@ def test_a_condition_may_ask_the_other_tables_and_own_files_if_trusted(run_folde
 
 @pytest.fixture
 def run(tmp_path):
-    write_part(tmp_path, [row("a", toppled=True), row("b", toppled=False)])
-    return open_run(tmp_path)
+    return run_in(tmp_path, [row("a", toppled=True), row("b", toppled=False)])
 
 
 @pytest.mark.parametrize(
@@ -243,10 +233,9 @@ POOLED = (
 
 
 def made(folder, **values):
-    folder.mkdir()
     jobs = rows(records=2, levels=(1, 2), azimuths=(0.0,))
-    write_part(folder, [{**job, "physics_version": "15", **values} for job in jobs])
-    return open_run(folder)
+    scene_id = values.get("scene_id", "scene")
+    return run_in(folder, [{**job, "physics_version": "15", **values} for job in jobs], scene_id=scene_id)
 
 
 @pytest.mark.parametrize(

@@ -8,9 +8,8 @@ import pytest
 from click.testing import CliRunner
 from refusals import refused
 from seeded import THETA_M_S, row, rows
-from small_campaigns import planned_in, run_document
+from small_campaigns import VERSIONS, planned_in, run_in
 
-from toppling.models.files.digest import write_json
 from toppling.orchestrator.cli import cli
 from toppling.orchestrator.run_folder import prepare
 from toppling.orchestrator.status import state_of
@@ -32,8 +31,7 @@ def test_fewer_than_ten_topplings_bear_no_curve_and_no_ranking(tmp_path):
         job | {"toppled": number < 9}
         for number, job in enumerate(rows(records=12, levels=(4, 8), azimuths=(0.0,)))
     ]
-    write_part(tmp_path, jobs)
-    content, document = Content(open_run(tmp_path), 5), Document()
+    content, document = Content(run_in(tmp_path, jobs), 5), Document()
     (result,) = SECTIONS["Fits"](content, document)
     assert "Too few topplings: 9 of 24 jobs" in result
     assert (document.figures, document.tables) == (0, 0)
@@ -41,9 +39,9 @@ def test_fewer_than_ten_topplings_bear_no_curve_and_no_ranking(tmp_path):
 
 
 def test_a_run_without_answers_has_no_page(tmp_path):
-    write_part(tmp_path, [row("a", status="crashed")])
+    run = run_in(tmp_path, [row("a", status="crashed")])
     with refused("run.no_answers"):
-        report_page(Content(open_run(tmp_path)))
+        report_page(Content(run))
     assert CliRunner().invoke(cli, ["report", str(tmp_path)]).exit_code == 1
     assert not (tmp_path / "report.html").exists()
 
@@ -52,8 +50,8 @@ def test_a_run_without_answers_has_no_page(tmp_path):
 @pytest.mark.parametrize(("share", "beyond"), [(0.8, True), (3.0, False)])
 def test_the_first_sentence_states_a_median_only_within_what_was_shaken(tmp_path, share, beyond):
     result = rows(records=40, azimuths=(0.0, 90.0, 180.0))
-    write_part(tmp_path, [entry for entry in result if entry["pgv_m_s"] < share * THETA_M_S])
-    content = Content(open_run(tmp_path), samples=5)
+    weak = [entry for entry in result if entry["pgv_m_s"] < share * THETA_M_S]
+    content = Content(run_in(tmp_path, weak), samples=5)
     curve = content.chief.headline
     text = " ".join(first_screen(content, Document())["answers"])
     assert (curve.median > curve.strongest_shaken) == beyond
@@ -76,9 +74,9 @@ def test_a_curve_over_vertical_pga_never_stands_for_a_run(jobs):
 
 @pytest.mark.parametrize(("engine", "other"), [("pybullet", "Todorov"), ("mujoco", "Coumans")])
 def test_methods_name_and_cite_the_engine_that_shook_and_no_other(tmp_path, engine, other):
-    write_json(tmp_path / "run.json", run_document(engine=ENGINES[engine].citation))
-    write_part(tmp_path, [row | {"engine": engine} for row in rows(records=3, azimuths=(0.0,))])
-    methods, _, cited = methods_section(Content(open_run(tmp_path)), Document())
+    jobs = [row | {"engine": engine} for row in rows(records=3, azimuths=(0.0,))]
+    run = run_in(tmp_path, jobs, engine=ENGINES[engine].citation)
+    methods, _, cited = methods_section(Content(run), Document())
     written = " ".join([methods["text"], *cited["texts"]])
     assert f"on {ENGINES[engine].title} ({ENGINES[engine].authors}), following" in written
     assert other not in written
@@ -94,7 +92,7 @@ def unfinished(tmp_path_factory):
     folder = tmp_path_factory.mktemp("unfinished")
     axes = {"pga_m_s2": list(LEVELS), "azimuth_deg": [0], "friction": [1.0]}
     planned = planned_in(folder, [0.5 + 0.02 * n for n in range(12)], name="R{:03d}", **axes)
-    prepare(folder / "run", planned, {})
+    prepare(folder / "run", planned, VERSIONS)
     specs = {(spec.record_id, spec.pga_m_s2): spec for spec in map(planned.spec, range(len(planned)))}
     result = []
     for values in rows(records=9, levels=LEVELS, azimuths=(0.0,)):
@@ -149,7 +147,6 @@ def test_rows_that_were_stored_and_are_not_there_are_stated_to_be_lost(unfinishe
 @pytest.mark.parametrize("verb", [["fragility", "--fit"], ["report"]])
 @pytest.mark.parametrize("records", [1, 2, 4])
 def test_every_reader_reads_a_run_of_few_records(tmp_path, records, verb):
-    (tmp_path / "run").mkdir()
-    write_part(tmp_path / "run", rows(records=records, levels=range(2, 19, 2), azimuths=(0.0, 45.0)))
+    run_in(tmp_path / "run", rows(records=records, levels=range(2, 19, 2), azimuths=(0.0, 45.0)))
     asked = [verb[0], str(tmp_path / "run"), *verb[1:], "--samples", "2"]
     assert CliRunner().invoke(cli, asked, catch_exceptions=False).exit_code == 0

@@ -10,6 +10,7 @@ import pytest
 from click.testing import CliRunner
 from pyproj import Geod
 from reference.idealised import ricker
+from small_campaigns import VERSIONS
 
 from toppling.models.files import digest
 from toppling.models.motions.ensemble import Ensemble
@@ -63,7 +64,7 @@ def atlas(tmp_path_factory):
     axes = {"pga_m_s2": [2, 3, 4.5, 7, 10], "azimuth_deg": [0, 90], "friction": [0.8]}
     planned = plan_of(Campaign.of({"sites": "sites.csv", "ensemble": "quakes", **axes}, place))
     run = place / "run"
-    prepare(run, planned, {})
+    prepare(run, planned, VERSIONS)
     random = np.random.default_rng(46)
     names = {scene.scene_id: scene.rock for scene in planned.scenes}
     specs = [planned.spec(row) for row in range(len(planned))]
@@ -138,7 +139,7 @@ def test_common_records_are_found_by_content_and_common_levels_by_value(compared
 
 def test_a_fit_to_common_jobs_uses_no_other_jobs(atlas):
     rocks = [rock for rock in open_run(atlas).rocks if rock.rock != "silent"]
-    found, shared = compare_rocks(rocks, "pga_m_s2", SAMPLES, only_shared=True)
+    found, shared = compare_rocks(rocks, "pga_m_s2", SAMPLES, only_common=True)
     assert {rock.row["records"] for rock in found} == {len(shared.records)}
 
 

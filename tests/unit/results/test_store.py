@@ -9,10 +9,10 @@ import pyarrow.parquet as pq
 import pytest
 from refusals import flip, refused
 from seeded import row
+from small_campaigns import run_in
 
 from toppling.models.files.digest import write_table
 from toppling.results import run_integrity, store
-from toppling.results.reader import open_run
 from toppling.results.schema import GROUPS, SCHEMA, describe
 from toppling.results.store import attempts_with, compact, finished_ids, result_files, write_part
 
@@ -50,17 +50,6 @@ def test_however_many_parts_there_are_the_plan_is_looked_up_once(tmp_path, monke
     with refused("run.file_foreign") as refusal:
         result_files(tmp_path)
     assert refusal.value.where == str(foreign)
-
-
-def test_a_finished_run_of_an_earlier_version_with_columns_that_are_gone_still_reads(tmp_path):
-    table = pq.read_table(write_part(tmp_path, [row("a"), row("b")]))
-    for name, values in (("choice_probability", [None, 0.5]), ("expected_toppled", [None, True])):
-        table = table.append_column(name, pa.array(values))
-    for part in (tmp_path / "parts").iterdir():
-        part.unlink()
-    write_table(table, tmp_path / "results.parquet")
-    assert open_run(tmp_path).table().schema.names == SCHEMA.names
-    assert open_run(tmp_path).frame()["job_id"].tolist() == ["a", "b"]
 
 
 def test_a_run_whose_folder_vanished_stores_nothing_more(tmp_path):
@@ -144,12 +133,13 @@ def test_a_part_that_is_damaged_between_two_reads_is_omitted_as_if_damaged_befor
 
 @pytest.mark.parametrize("compacted", [False, True])
 def test_results_without_a_column_of_the_schema_are_refused_not_read_as_null(tmp_path, compacted):
-    path = write_part(tmp_path, [row("a", toppled=True)])
+    run = run_in(tmp_path, [row("a", toppled=True)])
+    (path,) = (tmp_path / "parts").iterdir()
     if compacted:
         path = compact(tmp_path)
     write_table(pq.read_table(path).drop_columns(["toppled"]), path)
     with refused("run.columns_other"):
-        open_run(tmp_path).table()
+        run.table()
 
 
 def test_a_damaged_part_is_skipped_and_the_writer_sets_it_aside(tmp_path, caplog):

@@ -12,6 +12,7 @@ from click.testing import CliRunner
 from reference.idealised import ricker
 from refusals import refused
 from seeded import row, rows
+from small_campaigns import run_in
 
 from toppling.models.hidden_base.unseen_base import BaseDraw, UnseenBase, draw_of
 from toppling.models.motions.record import Record
@@ -24,7 +25,6 @@ from toppling.orchestrator.studies.conditioning import by_evidence, joined, weig
 from toppling.results.analysis.fits import answered
 from toppling.results.analysis.lognormal import fit
 from toppling.results.reader import open_run
-from toppling.results.store import write_part
 from toppling.results.weights import WEIGHTS_FILE, Weights, unweighted_rows, weighted_rows
 
 CONTACT = (1.0, 1.0, 0.0)
@@ -116,7 +116,8 @@ def test_weights_of_a_contact_do_not_apply_to_another():
 
 def test_weights_come_back_from_disk_and_those_without_digest_are_refused(tmp_path):
     written = replace(weights_of(1.7, 0.3), method="the probability", remarks=("a remark",))
-    written.write(tmp_path)
+    run_in(tmp_path, [])
+    written.write(tmp_path, "plan")
     read = Weights.read(tmp_path)
     assert (read.by_contact[CONTACT] == written.by_contact[CONTACT]).all()
     assert vars(replace(read, by_contact={})) == vars(replace(written, by_contact={}))
@@ -126,10 +127,11 @@ def test_weights_come_back_from_disk_and_those_without_digest_are_refused(tmp_pa
 
 
 def test_weights_that_are_none_are_refused(tmp_path):
-    weights_of(1.0, -1e-3).write(tmp_path)
+    run_in(tmp_path, [])
+    weights_of(1.0, -1e-3).write(tmp_path, "plan")
     with refused("run.weights_unreadable"):
         Weights.read(tmp_path)
-    replace(weights_of(1.0), by_contact={}).write(tmp_path)
+    replace(weights_of(1.0), by_contact={}).write(tmp_path, "plan")
     with refused("run.weights_unreadable"):
         Weights.read(tmp_path)
 
@@ -142,8 +144,7 @@ def weighted_run(tmp_path):
         job["base"] = number % 2
         if number % 2:
             job |= {"toppled": True, "outcome": "toppled", "falls_toward_deg": 90.0}
-    (tmp_path / "run").mkdir()
-    write_part(tmp_path / "run", jobs)
+    run_in(tmp_path / "run", jobs)
     (tmp_path / "run" / "stood").mkdir()
     return tmp_path / "run"
 
@@ -155,7 +156,7 @@ def test_every_reader_of_fractions_refuses_missing_weights(weighted_run):
 
 
 def test_constraint_map_query_and_page_of_a_run_agree_on_its_weights(weighted_run):
-    weights_of(17.0, 1.0).write(weighted_run)
+    weights_of(17.0, 1.0).write(weighted_run, "plan")
     run = open_run(weighted_run)
     jobs = run.weighted(run.frame())
     read = json.loads(CliRunner().invoke(cli, ["constrain", str(weighted_run), "--json"]).stdout)

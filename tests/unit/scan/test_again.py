@@ -140,7 +140,7 @@ def test_hints_survive_their_file(tmp_path):
         read_hints(tmp_path / HINTS)
 
 
-SAID = {
+STATED = {
     "up": "-y",
     "crs": "EPSG:32611",
     "rock": "rock.obj",
@@ -172,13 +172,13 @@ def asked(monkeypatch, *options):
 def test_all_hints_are_read_back_from_their_file(monkeypatch, tmp_path):
     points = ["a,0,0,0,1,2,3", "b,1,0,0,2,2,3", "c,0,1,0,1,3,3"]
     (tmp_path / "gcp.csv").write_text("\n".join(points))
-    (tmp_path / "outline.csv").write_text("\n".join(",".join(map(str, row)) for row in SAID["outline"]))
+    (tmp_path / "outline.csv").write_text("\n".join(",".join(map(str, row)) for row in STATED["outline"]))
     hints = stated_hints(
-        SAID | {"gcp": tmp_path / "gcp.csv", "outline": tmp_path / "outline.csv"},
-        inspection_of(None, **of_base(SAID)),
+        STATED | {"gcp": tmp_path / "gcp.csv", "outline": tmp_path / "outline.csv"},
+        inspection_of(None, **of_base(STATED)),
     )
     assert json.loads(json.dumps(hints)) == hints
     write_hints(tmp_path / HINTS, hints)
     (tmp_path / "gcp.csv").unlink()  # what the files held is kept
     (tmp_path / "outline.csv").unlink()
-    assert asked(monkeypatch, "--hints", tmp_path / HINTS) == SAID | {"gcp": points}
+    assert asked(monkeypatch, "--hints", tmp_path / HINTS) == STATED | {"gcp": points}

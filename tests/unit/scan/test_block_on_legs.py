@@ -14,7 +14,7 @@ from toppling.models.hidden_base.observed import hidden_part
 from toppling.models.scan.close import about_hull, close_rock
 from toppling.models.scan.surfels import Surfels, orient
 
-HALF_M, HEIGHT_M, CLEAR_M, FOOT_M, VOXEL_M = 0.2, 1.2, 0.16, 0.08, 0.012
+HALF_M, HEIGHT_M, CLEAR_M, LEG_M, VOXEL_M = 0.2, 1.2, 0.16, 0.08, 0.012
 
 
 def sides_of(half_m, low_m, high_m, middle_m=(0.0, 0.0), pitch_m=VOXEL_M):
@@ -36,27 +36,27 @@ def top():
 
 
 def feet(pitch_m=VOXEL_M):
-    off_m = HALF_M - 0.5 * FOOT_M
-    return [sides_of(0.5 * FOOT_M, 0.0, CLEAR_M, at, pitch_m) for at in product((-off_m, off_m), repeat=2)]
+    off_m = HALF_M - 0.5 * LEG_M
+    return [sides_of(0.5 * LEG_M, 0.0, CLEAR_M, at, pitch_m) for at in product((-off_m, off_m), repeat=2)]
 
 
 def slabs(pitch_m=VOXEL_M):
     """Two feet as long as the block: low parts in most of the directions from its middle."""
-    off_m = HALF_M - 0.5 * FOOT_M
-    return [sides_of((0.5 * FOOT_M, HALF_M), 0.0, CLEAR_M, (x, 0.0), pitch_m) for x in (-off_m, off_m)]
+    off_m = HALF_M - 0.5 * LEG_M
+    return [sides_of((0.5 * LEG_M, HALF_M), 0.0, CLEAR_M, (x, 0.0), pitch_m) for x in (-off_m, off_m)]
 
 
 def ground(below, on_slabs=False):
     points = level(0.8, 0.006)
     deep = np.abs(points[:, :2])
     under = (deep < HALF_M).all(axis=1)
-    foot = (deep[:, : 1 if on_slabs else 2] > HALF_M - FOOT_M).all(axis=1) & under
+    foot = (deep[:, : 1 if on_slabs else 2] > HALF_M - LEG_M).all(axis=1) & under
     mask = ~foot if below else ~under
     return points[mask]
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize(("feet_of", "sole_m2"), [(feet, 4.0 * FOOT_M**2), (slabs, 4.0 * FOOT_M * HALF_M)])
+@pytest.mark.parametrize(("feet_of", "sole_m2"), [(feet, 4.0 * LEG_M**2), (slabs, 4.0 * LEG_M * HALF_M)])
 def test_a_block_on_feet_is_as_heavy_as_without_what_lies_between_them(feet_of, sole_m2):
     points, normals = (
         np.vstack(v) for v in zip(sides_of(HALF_M, CLEAR_M, HEIGHT_M), top(), *feet_of(), strict=True)
@@ -98,7 +98,7 @@ def plate(corner, u, v):
 
 @pytest.mark.thorough
 def test_a_wall_below_what_hangs_over_faces_the_ground_that_was_seen_before_it():
-    """Of whose rock the back, the ceiling and the inside of the base were not seen: more sky shows from within."""
+    """A cloud of a rock whose back, ceiling and inside of the base were not seen: more sky shows from within."""
     wall = plate((-0.5, 0.5, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 0.6))
     others = [
         plate((-0.5, 0.0, 0.6), (1.0, 0.0, 0.0), (0.0, 0.0, 0.4)),

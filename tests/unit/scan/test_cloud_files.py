@@ -49,12 +49,12 @@ def tenth(points):
     return np.arange(len(points)) % 10 == 0
 
 
-def spherical_beside_invalid(points):
-    """As of a scanner whose export has filled the spherical coordinates alone."""
+def spherical_with_invalid(points):
+    """File of a scanner whose export has filled the spherical coordinates alone."""
     return {**invalid_where(all_of)(points + 1.0), **spherical(points)}
 
 
-def spherical_beside_nan(points):
+def spherical_with_nan(points):
     return {**cartesian(np.full_like(points, np.nan)), **spherical(points)}
 
 
@@ -106,7 +106,7 @@ def e57(path, scans, rotation="wxyz", translation="xyz", scale=0.0, description=
 
 
 def singles(path, points):
-    """As of a writer that stores points in single precision, as scanners do in the station's own frame."""
+    """File of a writer that stores points in single precision, as scanners do in the station's own frame."""
     file = pye57.E57(str(path), mode="w")
     file.write_scan_raw(
         {f"cartesian{axis}": points[:, k].copy() for k, axis in enumerate("XYZ")},
@@ -165,7 +165,7 @@ SAME = [
     *(("cloud.e57", partial(e57, scans=HALVES, rotation=r, translation=t, scale=s), 1e-4 if s else 1e-6, 2)
       for r in ("wxyz", "xyzw", "zwyx") for t in ("xyz", "zxy") for s in (0.0, 1e-5)),
     *(("cloud.e57", partial(e57, scans=scans, **how), 1e-6, 1) for scans, how in (
-        ([SCAN], {"columns_of": spherical_beside_invalid}), ([SCAN], {"columns_of": spherical_beside_nan}),
+        ([SCAN], {"columns_of": spherical_with_invalid}), ([SCAN], {"columns_of": spherical_with_nan}),
         ([(POINTS_M - SHIFT_M, STILL[0], SHIFT_M)], {"rotation": ""}), ([EMPTY, SCAN, EMPTY], {}),
         ([(own_frame(POINTS_M, TURN, STILL[1]), TURN, STILL[1])], {"translation": ""}),
         ([(POINTS_M, *STILL)], {"rotation": "", "translation": ""}))),

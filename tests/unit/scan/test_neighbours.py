@@ -135,7 +135,7 @@ def test_the_rocks_own_lower_end_is_no_neighbour():
     assert standing.vertices_m[:, 0].min() > HALF_WIDTH_M  # of the wall alone
 
 
-def beside_a_wall(gap_m):
+def near_a_wall(gap_m):
     """A block beside a rock face, and the same as a scene of the true meshes."""
     rock = box(HALF_WIDTH_M, HALF_WIDTH_M, HEIGHT_M / 2).moved(np.eye(3), (0.0, 0.0, HEIGHT_M / 2))
     ground = virtual.ground(4.0, 1.0, 3, bumps_m=0.05)
@@ -152,7 +152,7 @@ def beside_a_wall(gap_m):
 
 @pytest.mark.thorough
 def test_a_rock_joined_to_a_nearby_wall_by_wide_patches_is_separated_by_finer_patches():
-    truth, _ = beside_a_wall(0.25)
+    truth, _ = near_a_wall(0.25)
     stations = virtual.scan_around(truth, 1, resolution_per_height=0.015, clutter=False)
     points_m = np.vstack([station.points_m for station in stations])
     highest = find_candidates(points_m, surfels_of(points_m))[0]
@@ -167,7 +167,7 @@ def test_a_scanned_rock_meets_a_nearby_wall_as_the_true_rock_does(gap_m, outcome
 
     It arrives slowly: after a hard blow the corner that meets the wall first, by a millimetre, decides what follows.
     """
-    truth, true = beside_a_wall(gap_m)
+    truth, true = near_a_wall(gap_m)
     stations = virtual.scan_around(truth, 1, resolution_per_height=0.009, clutter=False)
     result = survey(virtual.cloud_of(stations, virtual.DEMO_ORIGIN_M)[0], near_m=virtual.DEMO_ORIGIN_M[:2])
     scanned = Scene.load(save_survey(result, tmp_path / "rock"))

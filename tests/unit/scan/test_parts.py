@@ -30,7 +30,7 @@ def parted(stump, tmp_path_factory):
     return folder, label, truth.rock
 
 
-WAYS = {
+NAMINGS = {
     "two files": (["rock.xyz", "ground.xyz"], {"rock": "rock.xyz", "pedestal": "ground.xyz"}),
     "two files, one named": (["rock.xyz", "ground.xyz"], {"rock": "rock.xyz"}),
     "classes": (["all.las"], {"rock": "40", "pedestal": "2"}),
@@ -41,11 +41,11 @@ WAYS = {
 
 
 def separated(parted, direction):
-    files, hints = WAYS[direction]
+    files, hints = NAMINGS[direction]
     return placed_cloud([parted[0] / name for name in files], hints)[0]
 
 
-@pytest.mark.parametrize("direction", WAYS)
+@pytest.mark.parametrize("direction", NAMINGS)
 def test_every_part_holds_its_points_however_it_is_named(parted, direction):
     cloud = separated(parted, direction)
     counts = np.bincount(cloud.label, minlength=3)

@@ -22,7 +22,7 @@ from toppling.models.scan.survey import survey
 ORIGIN_M = np.zeros(3)
 
 
-def seen_beside_a_bush(resolution_per_height):
+def seen_near_a_bush(resolution_per_height):
     """A rock 2 m high with a bush 1.7 m beside it: points, true labels, and the truth."""
     truth = stump_on_a_slope()
     places = truth.pedestal.vertices_m
@@ -41,14 +41,14 @@ def seen_beside_a_bush(resolution_per_height):
 
 
 @pytest.fixture(scope="module")
-def beside_a_bush():
-    return seen_beside_a_bush(0.03)
+def near_a_bush():
+    return seen_near_a_bush(0.03)
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("lower_m", [0.012, -0.012])
-def test_a_plane_separates_a_connected_rock_wherever_the_ground_rises_over_it(beside_a_bush, lower_m):
-    points, label, truth = beside_a_bush
+def test_a_plane_separates_a_connected_rock_wherever_the_ground_rises_over_it(near_a_bush, lower_m):
+    points, label, truth = near_a_bush
     pedestal = truth.pedestal
     plane = InterfaceHint.plane(
         pedestal.point_m - [0.0, 0.0, lower_m], pedestal.slope_deg, pedestal.downhill_azimuth_deg
@@ -61,8 +61,8 @@ def test_a_plane_separates_a_connected_rock_wherever_the_ground_rises_over_it(be
 
 
 @pytest.mark.thorough
-def test_a_click_anywhere_on_the_rock_that_is_found_finds_it_again(beside_a_bush):
-    points, _, _ = beside_a_bush
+def test_a_click_anywhere_on_the_rock_that_is_found_finds_it_again(near_a_bush):
+    points, _, _ = near_a_bush
     free = segment(points, ORIGIN_M).label
     own = points[free == ROCK]
     for near_m in own[np.random.default_rng(6).integers(len(own), size=2), :2]:
@@ -72,7 +72,7 @@ def test_a_click_anywhere_on_the_rock_that_is_found_finds_it_again(beside_a_bush
 @pytest.mark.thorough
 @pytest.mark.parametrize("hinted", [False, True])
 def test_no_base_touches_outside_the_silhouette_of_the_rock_above_it(hinted):
-    points, label, truth = seen_beside_a_bush(0.012)
+    points, label, truth = seen_near_a_bush(0.012)
     pedestal = truth.pedestal
     hint = InterfaceHint.plane(pedestal.point_m, pedestal.slope_deg, pedestal.downhill_azimuth_deg)
     station, files = np.zeros(len(points), np.int32), (("all", len(points)),)

@@ -67,7 +67,7 @@ def test_true_pulls_narrow_the_interval_and_it_covers_the_truth_no_less(pulls):
     for seed in range(150):
         random = np.random.default_rng([pulls, seed])
         ratios = ratios_of(200, random)
-        true = ratios_of_one(ratios, random)
+        true = ratios_of_draw(ratios, random)
         drawn, weight = np.delete(ratios, 0, axis=0), np.ones(199)
         rows = random.choice(len(TURNS_DEG), pulls, replace=False)
         read = true[rows] * (1.0 + 0.05 * random.normal(size=pulls))
@@ -83,7 +83,7 @@ def test_true_pulls_narrow_the_interval_and_it_covers_the_truth_no_less(pulls):
     assert np.reshape(widths, (-1, 2)).mean(axis=0)[1] < np.mean(widths[::2])
 
 
-def ratios_of_one(ratios, random):
+def ratios_of_draw(ratios, random):
     """The truth: the first of the bases, with what no draw shows."""
     return ratios[0] * (1.0 + 0.04 * random.normal())
 

@@ -17,7 +17,7 @@ def cloud(bare):
     return bare[1]
 
 
-def with_one_off(cloud, number, shift_m):
+def with_a_station_off(cloud, number, shift_m):
     points = cloud.points_m.copy()
     points[cloud.station == number] += shift_m
     return Cloud(points, cloud.origin_m, cloud.station, cloud.files)
@@ -26,7 +26,7 @@ def with_one_off(cloud, number, shift_m):
 @pytest.mark.parametrize("off_m", [[9.0, 2.0, 1.6], [-331_000.0, -3_777_000.0, -480.0]])
 def test_the_station_of_a_file_that_shows_another_place_is_named(cloud, off_m):
     """Such as a scan of an E57 whose pose is missing among others that have theirs."""
-    single = with_one_off(cloud, 3, off_m)
+    single = with_a_station_off(cloud, 3, off_m)
     single = dataclasses.replace(single, files=(("all.e57", len(single.points_m)),))
     with refused("scan.no_overlap") as error:
         check_overlap(single)
@@ -46,7 +46,7 @@ def test_stations_that_fit_are_listed_separately(cloud):
 
 def test_a_station_that_is_too_far_off_to_be_brought_back_is_refused_by_its_file(cloud):
     with refused("scan.station_off", "station 3 of 5") as error:
-        survey(with_one_off(cloud, 2, [0.15, 0.15, 0.15]))
+        survey(with_a_station_off(cloud, 2, [0.15, 0.15, 0.15]))
     assert error.value.where == "station3"
 
 

@@ -53,7 +53,7 @@ def seen_around(gaps_deg):
 
 
 RING = np.array([(np.cos(turn), np.sin(turn), 0.0) for turn in np.linspace(0.0, 6.2, 60)])
-ONE_DIRECTION = np.tile([[1.0, 0.02, 0.0], [1.001, 0.02, 0.0], [1.0, 0.021, 0.0]], (50, 1))
+SINGLE_DIRECTION = np.tile([[1.0, 0.02, 0.0], [1.001, 0.02, 0.0], [1.0, 0.021, 0.0]], (50, 1))
 
 
 @pytest.mark.parametrize(
@@ -62,7 +62,7 @@ ONE_DIRECTION = np.tile([[1.0, 0.02, 0.0], [1.001, 0.02, 0.0], [1.0, 0.021, 0.0]
         seen_around(0.0),
         seen_around(65.0),
         RING,
-        np.vstack([ONE_DIRECTION, [[-1.0, 1.0, 0.0], [-1.0, -1.0, 0.0]]]),
+        np.vstack([SINGLE_DIRECTION, [[-1.0, 1.0, 0.0], [-1.0, -1.0, 0.0]]]),
     ],
     ids=["around", "with gaps", "in few places", "in one direction"],
 )
@@ -163,7 +163,7 @@ def upright(turn, up):
 
 
 def wider_below(turn, up):
-    """The same block, whose side toward azimuth 0 comes forward below: .1 in a metre."""
+    """A block whose side toward azimuth 0 comes forward below: .1 in a metre."""
     along, across = np.maximum(np.abs([np.cos(turn), np.sin(turn)]), 1e-9)
     return np.minimum(0.4 / across, np.where(np.cos(turn) > 0.0, 0.5 - 0.1 * up, 0.4) / along)
 
@@ -188,7 +188,7 @@ def foot(radius, hidden_to_m):
     return UnseenSide.of(low, led_down=led_down), points, normals
 
 
-def share_of_true(found, radius, number=None):
+def fraction_of_true(found, radius, number=None):
     """Distances of the true outline's places, in the range that nobody saw, over those of the outline found."""
     turn = np.deg2rad(np.arange(-30.0, 31.0, 5.0))
     return found.share_out(radius(turn, 0.0)[:, None] * np.column_stack([np.cos(turn), np.sin(turn)]), number)
@@ -199,14 +199,14 @@ def share_of_true(found, radius, number=None):
     [*((shape, to_m) for shape in SHAPES for to_m in (0.3, 1.0)), (rounded, 1.4), (upright, 1.4)],
 )
 def test_the_lower_end_lies_below_the_side_seen_above_it(radius, hidden_to_m):
-    share = share_of_true(foot(radius, hidden_to_m)[0], radius)
+    share = fraction_of_true(foot(radius, hidden_to_m)[0], radius)
     assert share == pytest.approx(np.ones(len(share)), abs=0.06)
 
 
 @pytest.mark.parametrize("radius", SHAPES)
 def test_drawn_lower_ends_lie_on_both_sides_of_the_true_end(radius):
     found = foot(radius, 1.0)[0]
-    middle = np.array([share_of_true(found, radius, number)[4:9].mean() for number in range(DRAWN)])
+    middle = np.array([fraction_of_true(found, radius, number)[4:9].mean() for number in range(DRAWN)])
     assert middle.min() < 0.95
     assert middle.max() > 1.05
 

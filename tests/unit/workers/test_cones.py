@@ -173,7 +173,7 @@ def records(arms_m, normals):
 def test_what_is_held_is_what_the_linear_programme_over_all_wrenches_holds_and_the_solver_holds_no_more(
     contacts,
 ):
-    """Of contacts below a body of 1.3 m, whose normals lean up to 50 degrees."""
+    """Contacts below a body of 1.3 m, whose normals lean up to 50 degrees."""
     random = np.random.default_rng(contacts)
     weight, inertia_m2 = np.array([0.0, 0.0, -9.81]), np.diag([0.15, 0.15, 0.1])
     for _ in range(20 if contacts < 100 else 2):

@@ -1,9 +1,11 @@
 """Errors caused by a user's data, with code, problem, place, expectation, remedy; suggestions for misspelt words."""
 
+import importlib
 import math
 from collections.abc import Callable, Iterable
 from difflib import get_close_matches
 from functools import partial
+from types import ModuleType
 
 _LONGEST = 1500
 """Maximum number of characters of the problem, and of the location."""
@@ -116,3 +118,20 @@ def did_you_mean(word: object, known: Iterable[str], otherwise: str) -> str:
     """
     found = nearest(word, known) if isinstance(word, str) else None
     return f"did you mean {found!r}?" if found else otherwise
+
+
+def optional_module(name: str, where: str, install: str) -> ModuleType:
+    """Import a module of an optional package; InputError if it is not installed.
+
+    install: what `pip install` is to be given.
+    """
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        raise InputError(
+            "package.not_installed",
+            f"{name.replace('_', '-')} is not installed",
+            where=where,
+            expected="this optional package",
+            remedy=f"pip install {install}",
+        ) from None

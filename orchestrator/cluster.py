@@ -1,7 +1,6 @@
 """Clusters for jobs: local workers, an existing scheduler, a Dask Gateway, or a batch system."""
 
 import contextlib
-import importlib
 import logging
 import os
 import shlex
@@ -14,7 +13,7 @@ import dask
 from distributed import Client, Status
 from distributed.security import Security
 
-from toppling.models.errors import InputError, UsageError
+from toppling.models.errors import InputError, UsageError, optional_module
 from toppling.orchestrator.code_identity import KERNEL_VARIABLES
 from toppling.orchestrator.dask_cluster import BACK_WITHIN_S, CLOSED, let_resize
 from toppling.orchestrator.interrupt import signals_blocked, uninterrupted
@@ -143,16 +142,7 @@ def gateway(name: str) -> Iterator[Client]:
     name: name of the cluster; empty for the only one that is running.
     Raises InputError if dask-gateway is not installed, or there is no such cluster.
     """
-    try:
-        dask_gateway = importlib.import_module("dask_gateway")
-    except ImportError:
-        raise InputError(
-            "package.not_installed",
-            "dask-gateway is not installed",
-            where=f"--scheduler gateway://{name}",
-            expected="the package dask-gateway, and its address in ~/.config/dask/gateway.yaml",
-            remedy="pip install dask-gateway",
-        ) from None
+    dask_gateway = optional_module("dask_gateway", f"--scheduler gateway://{name}", "dask-gateway")
     load_defaults()
     with dask_gateway.Gateway() as there:
         running = [cluster.name for cluster in there.list_clusters()]
@@ -225,16 +215,7 @@ def _queue_cluster(kind: str, secrets: str, asked: Mapping[str, Any]) -> Any:
     load_defaults()
     configured = dask.config.get(f"jobqueue.{kind}", None) or {}
     has_certificates = dask.config.get("distributed.comm.require-encryption", None)
-    try:
-        jobqueue = importlib.import_module("dask_jobqueue")
-    except ImportError:
-        raise InputError(
-            "package.not_installed",
-            "dask-jobqueue is not installed",
-            where=f"--queue {kind}",
-            expected="the extra hpc",
-            remedy="pip install 'toppling[hpc]'",
-        ) from None
+    jobqueue = optional_module("dask_jobqueue", f"--queue {kind}", "'toppling[hpc]'")
     # One process per core: the engine is single-threaded per process.
     cores = configured.get("cores") or 1
     names = {"account": "project"} if kind in ("sge", "lsf", "oar") else {}

@@ -204,6 +204,31 @@ class Run(Described):
 
         return as_frame(rows_where(self, where, trusted))
 
+    def single(self) -> Run:
+        """Run itself, if it is of a single rock; InputError otherwise."""
+        if rocks := self.rocks:
+            raise InputError(
+                "run.several_rocks",
+                f"is a run of {len(rocks)} rocks: {', '.join(rock.rock for rock in rocks)}",
+                where=str(self.path),
+                expected="one rock",
+                remedy=f"choose one: {rocks[0].path}",
+            )
+        return self
+
+    def jobs(self, where: str | None = None, *, trusted: bool = False) -> pd.DataFrame:
+        """Weighted rows, all or those that satisfy an SQL condition (`frame`); InputError if none has an answer."""
+        rows = self.weighted(self.frame(where, trusted=trusted))
+        if not rows["toppled"].notna().any():
+            raise InputError(
+                "run.no_answers",
+                f"{len(rows)} jobs, none with an answer",
+                where=str(self.path),
+                expected="finished jobs",
+                remedy="loosen --where" if where else "'toppling status RUN' shows how far the run is",
+            )
+        return rows
+
     def planned(self) -> int:
         """Number of planned jobs."""
         return int((self.entry or self.provenance())["jobs"])

@@ -262,8 +262,8 @@ def _of_set(question: Question) -> tuple[EventSet, tuple[str, ...]]:
     asked, path = question.asked, question.event_set
     assert path is not None
     events = read_events(path, asked.ratio, question.events.event_rate, question.events.catalogue_years)
-    shared = common_measures(question.paths)
-    measures = asked.measures or (_common_measure(events.measures, shared, events.source),)
+    common = common_measures(question.paths)
+    measures = asked.measures or (_common_measure(events.measures, common, events.source),)
     if len(measures) > 1 and not events.correlated:
         raise InputError(
             "events.residuals_independent",

@@ -123,7 +123,7 @@ def fragility(
         If the folder is no run, or no job has an answer.
     """
     opened = open_run(run)
-    jobs = _jobs(opened, where, trusted=trusted)
+    jobs = opened.single().jobs(where, trusted=trusted)
     done, quasi_static, audits = opened.completeness(), opened.quasi_static(), audits_of(opened)
     within = (azimuth_of(sector[0]), azimuth_of(sector[1])) if sector else least_sector(quasi_static)
     planes = maps.planes_of(jobs)
@@ -161,26 +161,3 @@ def _fits_in(folder: Path, contacts: Iterable[str]) -> dict[str, pd.DataFrame]:
 def _curves_in(folder: Path, contacts: Iterable[str]) -> dict[str, dict[str, Lognormal]]:
     files = {name: folder / name / "fits" / "curves.json" for name in contacts}
     return {name: read_curves(path) if path.exists() else {} for name, path in files.items()}
-
-
-def _jobs(run: Run, where: str | None, *, trusted: bool) -> pd.DataFrame:
-    """Selected, weighted rows; InputError if none has an answer."""
-    if run.rocks:
-        raise InputError(
-            "run.several_rocks",
-            f"is a run of {len(run.rocks)} rocks",
-            where=str(run.path),
-            expected="one rock",
-            remedy="ask each of its rocks: fragility(one) for one in open_run(...).rocks",
-        )
-    jobs = run.weighted(run.frame(where, trusted=trusted))
-    if not jobs["toppled"].notna().any():
-        what = f"{len(jobs)} jobs, none with an answer"
-        raise InputError(
-            "run.no_answers",
-            what,
-            where=str(run.path),
-            expected="finished jobs",
-            remedy="loosen --where" if where else "'toppling status RUN' shows how far the run is",
-        )
-    return jobs

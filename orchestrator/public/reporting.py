@@ -134,5 +134,5 @@ def _of_many(atlas: Run, target: Path, samples: int, advance: Callable[..., None
     from toppling.results.analysis.side_by_side import compare_rocks
     from toppling.results.drawing.report.gallery_page import gallery_page
 
-    rocks, shared = compare_rocks(atlas.rocks, HEADLINE_MEASURE, samples, advance=advance)
-    return gallery_page(atlas.name, [atlas], rocks, shared, HEADLINE_MEASURE, target.parent, advance)
+    rocks, common = compare_rocks(atlas.rocks, HEADLINE_MEASURE, samples, advance=advance)
+    return gallery_page(atlas.name, [atlas], rocks, common, HEADLINE_MEASURE, target.parent, advance)

@@ -123,15 +123,7 @@ def standing_rock(
 
 def read_jobs(path: Path, where: str | None, trusted: bool, recorded: Recorded | None) -> Jobs:
     """Selected jobs of a run, with the weights of their records and bases."""
-    run = open_run(path)
-    if rocks := run.rocks:
-        raise InputError(
-            "run.several_rocks",
-            what=f"is a run of {len(rocks)} rocks: {', '.join(rock.rock for rock in rocks)}",
-            where=str(path),
-            expected="one rock",
-            remedy=f"choose one: {rocks[0].path}",
-        )
+    run = open_run(path).single()
     weights = run.weights()
     bare = run.frame(where, trusted=trusted)
     jobs = run.weighted(bare, weights)

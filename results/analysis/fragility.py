@@ -384,8 +384,8 @@ def compare_cells(frame: pd.DataFrame, plane: Plane, reference: _Friction) -> pd
         if friction == reference:
             continue
         jobs = _under(answered, friction)
-        shared = base[_JOB].merge(jobs[_JOB])
-        ours, theirs = (cells(part.merge(shared), plane) for part in (jobs, base))
+        common = base[_JOB].merge(jobs[_JOB])
+        ours, theirs = (cells(part.merge(common), plane) for part in (jobs, base))
         bounds = [name for name in ours.columns if name.endswith(("_low", "_high")) and "wilson" not in name]
         numbers = ["probability", "wilson_low", "wilson_high"]
         renamed = theirs[[*bounds, *numbers]].rename(columns={name: f"reference_{name}" for name in numbers})

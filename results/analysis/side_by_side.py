@@ -122,12 +122,12 @@ def compare_rocks(
     Raises InputError with `only_common` if the rocks have nothing in common.
     """
     chosen = [_chief(run) for run in runs]
-    shared = _common_jobs([jobs for _, jobs in chosen], runs)
-    if only_common and not (shared.records and shared.levels_m_s2):
+    common = _common_jobs([jobs for _, jobs in chosen], runs)
+    if only_common and not (common.records and common.levels_m_s2):
         remedy = "leave --shared out, or compare rocks of one campaign"
         raise InputError(
             "atlas.nothing_shared",
-            shared.sentence,
+            common.sentence,
             where="atlas",
             expected="records and levels in common",
             remedy=remedy,
@@ -137,11 +137,11 @@ def compare_rocks(
         used = jobs
         if only_common:
             used = jobs[
-                jobs["record_id"].isin(shared.records) & jobs["level_pga_m_s2"].isin(shared.levels_m_s2)
+                jobs["record_id"].isin(common.records) & jobs["level_pga_m_s2"].isin(common.levels_m_s2)
             ]
         found.append(_rock_results(run, contact, used, measure, samples))
         advance()
-    return found, shared
+    return found, common
 
 
 def _chief(run: Run) -> tuple[str, pd.DataFrame]:

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from toppling.models.errors import InputError
+from toppling.models.errors import InputError, optional_module
 from toppling.models.motions.measures import STANDARD_G_M_S2
 
 MODELS = {
@@ -118,17 +118,7 @@ class GroundMotionModel:
 
     @cached_property
     def _class(self) -> Any:
-        try:
-            pygmm = importlib.import_module("pygmm")
-        except ImportError:
-            raise InputError(
-                "package.not_installed",
-                what="ground-motion models need the package pygmm, which is not installed",
-                where="--model",
-                expected="the optional extra 'gmm'",
-                remedy="pip install 'toppling[gmm]'",
-            ) from None
-        return getattr(pygmm, MODELS[self.name])
+        return getattr(optional_module("pygmm", "--model", "'toppling[gmm]'"), MODELS[self.name])
 
     @property
     def magnitudes(self) -> tuple[float, float]:

@@ -25,7 +25,7 @@ OF_SEVERAL_ROOMS = {
     "hint": "place_unreadable unknown", "measure": "unknown", "metadata": "no_file_given",
     "package": "not_installed",
     "placement": "given_twice", "record": "given_twice none_found", "rock": "does_not_stand",
-    "run": "absent no_answers", "site": "several", "table": "unreadable",
+    "run": "no_answers", "site": "several", "table": "unreadable",
 }  # fmt: skip
 """Codes of one failing that is found in two rooms. Whoever adds one has seen that the two are the same."""
 

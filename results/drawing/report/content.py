@@ -7,7 +7,6 @@ from typing import Any
 import pandas as pd
 
 from toppling.models.arrays import Array
-from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import CATALOG, Ensemble
 from toppling.models.scene import Scene
 from toppling.results.analysis import CONFIDENCE, HEADLINE_MEASURE, fits, resampling
@@ -44,16 +43,7 @@ class Content:
     @cached_property
     def frame(self) -> pd.DataFrame:
         """All rows, weighted if the run's records or bases have unequal weights."""
-        frame = self.run.weighted(self.run.frame())
-        if not frame["toppled"].notna().any():
-            raise InputError(
-                "run.no_answers",
-                what=f"{len(frame)} jobs, none with an answer",
-                where=str(self.run.path),
-                expected="finished jobs",
-                remedy="'toppling status RUN' shows how far the run is",
-            )
-        return frame
+        return self.run.jobs()
 
     @cached_property
     def completeness(self) -> Completeness:

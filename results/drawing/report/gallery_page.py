@@ -42,7 +42,7 @@ def gallery_page(
     title: str,
     atlases: Sequence[Run],
     rocks: Sequence[RockResults],
-    shared: CommonJobs,
+    common: CommonJobs,
     measure: str,
     folder: Path,
     advance: Callable[[], object] = lambda: None,
@@ -60,7 +60,7 @@ def gallery_page(
     for rock in rocks:
         cards.append(_card(rock, folder))
         advance()
-    first: list[Block] = [*summary(rocks, shared, measure)]
+    first: list[Block] = [*summary(rocks, common, measure)]
     caption = (
         f"Left: toppling probability over {short_name(measure)}, a lognormal curve for each rock with its 95 % band. "
         "Right: the intensity at which half of the shakings topple each, with its 95 % interval over records and bases."
@@ -83,7 +83,7 @@ def _stated(rock: RockResults) -> dict[str, Any]:
     return row | ({name: within(value, *curve.shaken) for name, value in ends.items()} if curve else {})
 
 
-def summary(rocks: Sequence[RockResults], shared: CommonJobs, measure: str) -> list[str]:
+def summary(rocks: Sequence[RockResults], common: CommonJobs, measure: str) -> list[str]:
     """Results of an atlas in a few sentences."""
     drawn = sorted(((rock.curve, rock) for rock in rocks if rock.curve), key=lambda both: both[0].median)
     several, have = "s" if len(rocks) != 1 else "", "has" if len(drawn) == 1 else "have"
@@ -98,7 +98,7 @@ def summary(rocks: Sequence[RockResults], shared: CommonJobs, measure: str) -> l
         remedies.setdefault(narrowed_by(curve.interval_parts, rock.run.scene_report()), []).append(rock.name)
     found += [f"{listed(names)}: {text[0].lower()}{text[1:]}" for text, names in remedies.items() if text]
     if several:
-        found.append(shared.sentence)
+        found.append(common.sentence)
     if bare := [f"{rock.name} ({rock.why_not})" for rock in rocks if rock.curve is None]:
         found.append(f"Without a fragility: {'; '.join(bare)}.")
     left_out = {

@@ -4,10 +4,11 @@ import re
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
-from toppling.models.errors import InputError
+from toppling.models.errors import InputError, counted
 from toppling.models.motions.formats.component import DOWN, UP, Component, bearing, code_direction
 from toppling.models.motions.motion import Motion
 
@@ -43,8 +44,10 @@ class Triple:
 def grouped(components: Iterable[Component]) -> list[list[Component]]:
     """Channels by station: by what the header says, by the file's name where it says nothing."""
     groups: dict[tuple, list[Component]] = defaultdict(list)
+    series: dict[Path, str] = {}  # all columns of a file are of the same
     for component in components:
-        groups[_key(component)].append(component)
+        of_file = series.setdefault(component.path, _name_series(component)[0])
+        groups[_key(component, of_file)].append(component)
     return [part for group in groups.values() for part in _apart(group)]
 
 
@@ -60,7 +63,7 @@ def triple(group: Sequence[Component]) -> Triple:
     if not _may_be_record(group):
         raise InputError(
             "record.channels_unmatched",
-            f"{len(group)} channels ({', '.join(c.label or c.path.name for c in group)}):"
+            f"{counted(len(group), 'channel')} ({', '.join(c.label or c.path.name for c in group)}):"
             f" {len(horizontal)} horizontal and {len(vertical)} vertical",
             where=", ".join(dict.fromkeys(str(c.path) for c in group)),
             expected="two horizontal channels and one vertical",
@@ -135,10 +138,10 @@ def _direction(component: Component) -> float | str | None:
     return code_direction(_name_series(component)[1])
 
 
-def _key(component: Component) -> tuple:
+def _key(component: Component, series: str) -> tuple:
     if component.station:
         return component.file_format, component.event, component.station, component.series, component.place
-    return component.file_format, str(component.path.parent), _name_series(component)[0], component.place
+    return component.file_format, str(component.path.parent), series, component.place
 
 
 def _apart(group: list[Component]) -> list[list[Component]]:

@@ -443,7 +443,7 @@ def synthesise(out: Path, count: int, seed: int, replace: bool) -> None:
 def _no_record(files: int, where: str) -> InputError:
     return InputError(
         "record.none_found",
-        f"none of {files} files gave a record{instead(Path(where))}",
+        f"{counted(files, 'file')} gave no record{instead(Path(where)) if Path(where).is_dir() else ''}",
         where=where,
         expected="three-component records",
         remedy="see the reasons above",

@@ -410,8 +410,10 @@ def _refuse_columns(file: RecordText, layout: _Layout) -> NoReturn:
     same = width == len(layout.columns)
     what = f"the names of {width} columns are" if same else f"rows of {width} numbers stand below"
     what += " " + ", ".join(repr(column.name) for column in layout.columns)
-    expected = "the time, then components by direction (NS, E, 090, UP, HNZ ...) or as h1, h2, v"
-    file.refuse("record.columns_unknown", layout.names_at or 0, what, expected, f"name them so, or {other}")
+    expected = "the time first, then components by direction (NS, E, 090, UP, HNZ ...) or as h1, h2, v"
+    file.refuse(
+        "record.columns_unknown", layout.names_at or 0, what, expected, f"write {expected}; or {other}"
+    )
 
 
 def _refuse_integrals(file: RecordText, first: int, values: NDArray[np.float64]) -> None:

@@ -185,6 +185,11 @@ def test_columns_without_names_are_two_horizontals_and_the_vertical(header, tmp_
     check_same(by_table(written(tmp_path, header + rows())), north_known=False)
 
 
+def test_columns_of_a_numbered_file_are_a_single_record(tmp_path):
+    path = written(tmp_path, "t,H1 (m/s2),H2 (m/s2),V (m/s2)\n" + rows(), "rot2.csv")
+    check_same(import_records([path], options=AS_IT_IS), north_known=False)
+
+
 @pytest.mark.parametrize(
     ("text", "code", "named"), [(t, c, named) for t, c, *named in REFUSED.values()], ids=REFUSED
 )

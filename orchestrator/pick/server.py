@@ -14,6 +14,7 @@ import numpy as np
 from toppling.models.errors import InputError
 from toppling.models.files.documents import NUMBER, check_shape
 from toppling.models.files.folder import refuse_existing
+from toppling.models.frames import azimuth_of
 from toppling.models.hidden_base.inspection import inspection_of
 from toppling.models.scan.hints_file import OF_READING, CloudHints
 from toppling.models.scan.interface_hint import hint_of
@@ -95,7 +96,7 @@ class _Answers(Answers):
     def do_POST(self) -> None:  # noqa: N802  (the library's name)
         """Set hints, resolve a click, save, or end."""
         asked = self.asked()
-        if asked not in ("hints", "pick", "detail", "save", "end"):
+        if asked not in ("hints", "pick", "detail", "azimuth", "save", "end"):
             self.refuse()
             return
         try:
@@ -116,6 +117,8 @@ class _Answers(Answers):
         elif asked == "pick":
             check_shape(content, {"at_m": numbers(3), "eye_m": numbers(3)}, "the page")
             return picking.pick(np.array(content["at_m"]), np.array(content["eye_m"]))
+        elif asked == "azimuth":
+            return {"azimuth_deg": azimuth_of(content) % 360.0}
         elif asked == "save":
             picking.save()
         else:

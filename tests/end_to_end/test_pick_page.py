@@ -99,9 +99,9 @@ def test_what_narrows_most_is_named_and_a_click_goes_there_and_a_false_pull_is_r
     assert browser.run(f"return {text}") == ""
     browser.run("""
         const form = document.getElementById("pull");
-        form.azimuth.value = "N40E"; form.ratio.value = 2; form.requestSubmit();
+        form.azimuth.value = " compass:40"; form.ratio.value = 2; form.requestSubmit();
     """)
-    browser.until(f"{IDLE} == 'true' && {text}.includes('the pull of 2')")
+    browser.until(f"{IDLE} == 'true' && {text}.includes('the pull of 2 of the weight toward N40E')")
     assert "--" not in browser.run(f"return {text}")  # the page's words, not the command's options
     browser.keys("z", held=CONTROL)
     browser.until(f"{IDLE} == 'true' && {text} == ''")

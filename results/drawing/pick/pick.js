@@ -2,7 +2,7 @@
 import { Stage } from "./stage.js";
 import { Handles, normalOf, slopeOf } from "./handles.js";
 import { polar, width } from "./plot.js";
-import { azimuthOf, bearingOf } from "./bearings.js";
+import { bearingOf } from "./bearings.js";
 
 const at = id => document.getElementById(id);
 const MODES = [
@@ -197,9 +197,9 @@ const REMEDIES = [
   ["up", "Up", field("place", "up")], ["units", "Unit", field("place", "units")],
 ];
 // The server's refusal: what, its code, and lines that begin with "expected:" and "remedy:".
+const lineOf = (error, name) => error.message.match(new RegExp(`^ *${name}: (.*)$`, "m"))?.[1] ?? "";
 function complain(error) {
-  const line = name => error.message.match(new RegExp(`^ *${name}: (.*)$`, "m"))?.[1] ?? "";
-  showError({ what: error.message.split("\n")[0].replace(/ \[[\w.]+\]$/, ""), where: "", expected: line("expected"), remedy: line("remedy") });
+  showError({ what: error.message.split("\n")[0].replace(/ \[[\w.]+\]$/, ""), where: "", expected: lineOf(error, "expected"), remedy: lineOf(error, "remedy") });
 }
 
 function showAnswer(answer) {
@@ -398,12 +398,13 @@ document.addEventListener("keydown", event => {
   event.preventDefault();
 });
 
-// The azimuth that a form's field says; where it says none, the field tells how to write one.
-function directionIn(form) {
-  const azimuth = azimuthOf(form.azimuth.value);
-  form.azimuth.setCustomValidity(azimuth === null ? "a bearing such as N40E, NNE or compass:40, or degrees counter-clockwise from east" : "");
-  form.azimuth.reportValidity();
-  return azimuth;
+// The azimuth of a form's field, as the command line reads it; the field shows how to write one where it is none.
+async function directionIn(form) {
+  try { return (await post("azimuth", form.azimuth.value)).azimuth_deg; } catch (error) {
+    form.azimuth.setCustomValidity(lineOf(error, "expected") || error.message);
+    form.azimuth.reportValidity();
+    return null;
+  }
 }
 for (const name of ["pull", "plane"]) at(name).azimuth.oninput = event => event.target.setCustomValidity("");
 
@@ -411,10 +412,9 @@ at("undo").onclick = undo;
 at("redo").onclick = redo;
 at("save").onclick = () => post("save", {}).catch(complain);
 at("end").onclick = () => post("end", {}).catch(complain);
-at("pull").onsubmit = event => {
+at("pull").onsubmit = async event => {
   event.preventDefault();
-  const form = event.target;
-  const azimuth = directionIn(form);
+  const form = event.target, azimuth = await directionIn(form);
   if (azimuth === null) return;
   add("pull", [azimuth, +form.ratio.value]);
   form.reset();
@@ -431,9 +431,9 @@ at("place").onsubmit = event => {
   event.target.reset();
   document.activeElement?.blur();
 };
-at("plane").onsubmit = event => {
+at("plane").onsubmit = async event => {
   event.preventDefault();
-  const form = event.target, { centre: [x, y] } = handles.plane, azimuth = directionIn(form);
+  const form = event.target, { centre: [x, y] } = handles.plane, azimuth = await directionIn(form);
   if (azimuth === null) return;
   add("plane", [+(x + state.origin_m[0]).toFixed(4), +(y + state.origin_m[1]).toFixed(4), +form.z.value, +form.slope.value, azimuth]);
   document.activeElement?.blur();

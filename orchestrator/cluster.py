@@ -251,7 +251,7 @@ def _queue_cluster(kind: str, secrets: str, asked: Mapping[str, Any]) -> Any:
 def _remedy(error: Exception) -> str:
     if "network interface" in str(error):
         return "name one of them for this host with scheduler-options: {interface: ...}"
-    return "see https://jobqueue.dask.org/en/latest/configuration.html, and try --dry-run first"
+    return "see https://jobqueue.dask.org/en/latest/configuration.html; --dry-run prints the job script"
 
 
 def _warn_of_open_door(address: str) -> None:

@@ -118,8 +118,8 @@ class Advance:
     @property
     def line(self) -> str:
         """Progress in one line."""
-        counted = f"{self.done:,.10g}" if self.done else ""  # indivisible work has no count
-        of = counted if self.total is None else f"{self.done:,.10g} of {self.total:,.10g}"
+        counted = f"{int(self.done):,}"  # parts of parts are not done
+        of = f"{counted} of {int(self.total):,}" if self.total is not None else counted if self.done else ""
         shown = [
             f"{self.what}: {of}" if of else self.what,
             self.doing,

@@ -71,7 +71,7 @@ _COLUMNS: dict[str, list[tuple[Any, ...]]] = {
         ("residual_tilt_deg", _REAL, _MAY, _TURN, "deg", "angle of the rock to the normal it stood on, at the end"),
         ("residual_yaw_deg", _REAL, _MAY, _ANGLE, "deg", "turn about the interface's normal, at the end"),
         ("slip_m", _REAL, _MAY, _SIZE, "m", "displacement in the interface of what lay below the centre of mass"),
-        ("penetration_m", _REAL, _MAY, _SIZE, "m", "deepest overlap of rock and pedestal in the shake"),
+        ("penetration_m", _REAL, _MAY, _SIZE, "m", "deepest overlap of rock and pedestal, also in a fall"),
         ("ended_by", _TEXT, _MAY, _LINE, "", "rule that ended it: fallen, tilted, left_ground, rest ..."),
         ("message", _TEXT, _MAY, _PAGE, "", "why, where status is not ok"),
     ],

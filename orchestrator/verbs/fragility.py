@@ -36,9 +36,8 @@ def fragility(run: Path, out: Path | None, **asked: Any) -> None:
     Maps show the toppling probability over PGA and PGV/PGA, PGA and PGV, PGV and duration, and PGA and duration.
     Further figures show where the rock topples to and, for runs with several frictions, compare these.
 
-    The colour of a cell is the share of its jobs that toppled. Its width is its share of the jobs of its level (in
-    the map of PGV and duration: of all jobs); the caption states from which share on a cell is full. A dot marks
-    cells of fewer than 10 records.
+    The colour of a cell is the share of its jobs that toppled; it is pale in cells of fewer than 10 independent
+    records.
 
     The bins are those of the study by Veeraraghavan, Hudnut and Krishnan; its bounds of PGV and duration are left out
     where more than a few jobs lie beyond. Direction bins are of the azimuth of

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from toppling.models.errors import InputError
+from toppling.models.errors import InputError, counted
 from toppling.orchestrator.dispatch import Limits
 from toppling.orchestrator.interrupt import INTERRUPTED, signals_as_stop
 from toppling.orchestrator.processes import started_ahead
@@ -213,13 +213,10 @@ def _print_result(chosen: "Campaign", folder: Path, shaken: "FinishedRun", *, as
     if as_json:
         click.echo(json.dumps(summary))
     else:
-        now = f"{progress.done} jobs done in {duration(progress.elapsed_s)} ({pace(progress.rate)}), "
-        done = (
-            f"{now}{progress.before} done before"
-            if progress.done
-            else f"all {progress.before} jobs done before"
-        )
-        click.echo(f"{folder}: {done}; in all {state['toppled']} toppled, {state['failed']} failed")
+        now = f"{counted(progress.done, 'job')} done in {duration(progress.elapsed_s)} ({pace(progress.rate)}), "
+        done = f"{now}{progress.before:,}" if progress.done else f"all {counted(progress.before, 'job')}"
+        ended = f"in all {state['toppled']:,} toppled, {state['failed']:,} failed"
+        click.echo(f"{folder}: {done} done before; {ended}")
         if state["failed"]:
             click.echo(f"why some failed: toppling status {shlex.quote(str(folder))}")
         for sentence in [*state["statement_sentences"], *state["audit_sentences"], *state["stood_sentences"]]:

@@ -19,6 +19,7 @@ def status(run: Path, as_json: bool) -> None:
     \b
     toppling status runs/first
     """
+    from toppling.models.errors import counted
     from toppling.orchestrator.status import state_of
     from toppling.orchestrator.terminal import duration, pace
     from toppling.results.reader import atlas_of
@@ -38,9 +39,10 @@ def status(run: Path, as_json: bool) -> None:
     if state["rate_per_s"]:
         click.echo(f"rate {pace(state['rate_per_s'])} over the last minute, {duration(state['left_s'])} left")
     if state["workers"] is not None:
-        click.echo(f"{state['workers']} workers, {state['deaths']} worker deaths in this session")
-    counts = ", ".join(f"{name} {count}" for name, count in state["status"].items()) or "none yet"
-    click.echo(f"toppled {state['toppled']}, failed {state['failed']} ({counts})")
+        deaths = counted(state["deaths"], "worker death")
+        click.echo(f"{counted(state['workers'], 'worker')}, {deaths} in this session")
+    counts = ", ".join(f"{name} {count:,}" for name, count in state["status"].items()) or "none yet"
+    click.echo(f"toppled {state['toppled']:,}, failed {state['failed']:,} ({counts})")
     for sentence in [*state["statement_sentences"], *state["audit_sentences"], *state["stood_sentences"]]:
         click.echo(sentence)
     for failure in state["failures"]:

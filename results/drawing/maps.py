@@ -37,7 +37,7 @@ from toppling.results.drawing.style import (
     style,
 )
 
-_PALE = f"Pale: fewer than {FEW} records."
+_PALE = f"Pale: fewer than {FEW} independent records."
 
 _NO_RECORDS = "no records"
 
@@ -255,7 +255,7 @@ def _draw_pair(axes: Axes, cells: pd.DataFrame, counts: pd.Series) -> None:
         )  # fmt: skip
         axes.scatter(
             [], [], s=12.0, facecolors=face, linewidths=0.7, edgecolors=MAIN_COLOUR,
-            label=f"cells of {'<' if thin else '≥'} {FEW} records",
+            label=f"cells of {'<' if thin else '≥'} {FEW} independent records",
         )  # fmt: skip
     for (x, y), several in places.groupby(["reference_probability", "probability"])["cells"].sum().items():
         if several > 2:  # coinciding cells

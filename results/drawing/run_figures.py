@@ -48,8 +48,8 @@ from toppling.results.drawing.style import (
 from toppling.results.reader import Completeness
 
 _FIT_CAPTION = (
-    "All intervals are of 95 %. Bars of shares: Wilson's, by record.",
-    "Band, and bars of the ranking: bootstrap of records and bases.",
+    "All intervals are of 95 %. Bars of shares: Wilson's, by earthquake.",
+    "Band, and bars of the ranking: bootstrap of earthquakes and bases.",
 )
 
 

@@ -135,7 +135,7 @@ def _fall(statement: dict[str, Any]) -> str:
         goes = "stays at" if abs(change) < 0.5 else "falls from" if change < 0 else "rises from"
         least, most = (digits(row[f"level_posterior_{end}"]) for end in ("p05", "p95"))
         spread = f" (5-95 %: {least} to {most})" if least and most and least != most else ""
-        level = f"{after:.3g} {unit}" if goes == "stays at" else f"{before:.3g} to {after:.3g} {unit}"
+        level = f"{'' if goes == 'stays at' else f'{digits(before)} to '}{digits(after)} {unit}"
         low, high = (digits(row[f"level_posterior_mean_{end}"]) for end in ("low", "high"))
         others = f"; it would be {low} to {high} with {_varying(statement)} (95 %)" if low != high else ""
         return f"The {rate_words(rate)} {measure} of the mean hazard {goes} {level}{spread}{others}."
@@ -227,7 +227,7 @@ def what_it_rests_on(statement: dict[str, Any], *, branches: bool = True) -> lis
     for row in statement.get("rates", ())[9::10]:
         unit, measure = printed_unit(statement["measure"]), short_name(statement["measure"])
         lines.append(
-            f"{measure} of {row[statement['measure']]:.3g} {unit} or more is inconsistent at return periods below "
+            f"{measure} of {digits(row[statement['measure']])} {unit} or more is inconsistent at return periods below "
             f"{row['inconsistent_return_years']:,.0f} years."
         )
     return [*lines, *(f"Note: {note}." for note in statement.get("notes", ()))]
@@ -308,13 +308,13 @@ def _single_event_lines(statement: dict[str, Any]) -> list[str]:
         unfit = max(rock["samples_without_fit"] for rock in statement["rocks"])
         count = max(rock["samples"] for rock in statement["rocks"])
         interval = (
-            f"95 %: {statement['unexceeded_low']:.3g} {'or more' if high is None else f'to {high:.3g}'} with "
+            f"95 %: {digits(statement['unexceeded_low'])} {'or more' if high is None else f'to {digits(high)}'} with "
             f"{other_records(statement)}"
             + (f"; {unfit} of {count} bootstrap samples have no fit and count as unbounded" if unfit else "")
         )
     lines = [
         f"At {100 * statement['confidence']:g} % confidence no single event's {measure} has exceeded "
-        f"{statement['unexceeded']:.3g} {unit} while {stood} ({interval})."
+        f"{digits(statement['unexceeded'])} {unit} while {stood} ({interval})."
     ]
     if (apart := statement.get("rocks_apart_km", 0.0)) > SITE_REACH_KM:
         lines.append(f"  they stand up to {apart:,.0f} km apart, and are taken to have felt the same events")
@@ -322,7 +322,7 @@ def _single_event_lines(statement: dict[str, Any]) -> list[str]:
         lines += [f"  {sentence}" for sentence in sentences({**rock, "contacts": [rock]})]
         if rock["median_shift_percent"]:
             lines.append(
-                f"  with equal weights the median of {rock['rock']} would be {rock['median_bases_alike']:.3g} "
+                f"  with equal weights the median of {rock['rock']} would be {digits(rock['median_bases_alike'])} "
                 f"{unit}: the weights shift it by {rock['median_shift_percent']:+.1f} %"
             )
     return lines
@@ -346,7 +346,7 @@ def _reservations(rock: dict[str, Any], unexceeded: float | None, unit: str) -> 
     elif unexceeded > rock["strongest_shaken"]:
         lines.append(
             f"  this extrapolates beyond the strongest shaking of {rock['name']}, "
-            f"{rock['strongest_shaken']:.3g} {unit} ({rock['records']} records)"
+            f"{digits(rock['strongest_shaken'])} {unit} ({rock['records']} records)"
         )
     return lines
 

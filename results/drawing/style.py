@@ -153,17 +153,24 @@ def measure_label(measure: str) -> str:
 
 
 def digits(value: float | None) -> str:
-    """Format a number with three significant digits, without powers of ten to a million; empty for None and NaN."""
+    """Format a number with three significant digits, without powers of ten to a million; empty for None and NaN.
+
+    Examples
+    --------
+    >>> digits(1.0), digits(17.04), digits(0.4), digits(960.0), digits(999.7), digits(1234.0)
+    ('1.00', '17.0', '0.400', '960', '1,000', '1,230')
+    """
     if value is None or value != value:
         return ""
-    return f"{float(f'{value:.3g}'):,.0f}" if 1e3 <= abs(value) < 1e6 else f"{value:.3g}"
+    rounded = float(f"{value:.3g}")
+    return f"{rounded:,.0f}" if 1e3 <= abs(rounded) < 1e6 else f"{rounded:#.3g}".rstrip(".")
 
 
 def within(value: float, strongest: float | None, weakest: float | None = None) -> str:
     """Format a number with three significant digits, or as beyond the strongest or under the weakest shaking."""
     if weakest is not None and value < weakest:
         return f"under {digits(weakest)}"
-    return f"beyond {strongest:.3g}" if strongest is not None and value > strongest else digits(value)
+    return f"beyond {digits(strongest)}" if strongest is not None and value > strongest else digits(value)
 
 
 def plain_log(axis: XAxis | YAxis) -> None:

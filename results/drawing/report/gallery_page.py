@@ -16,7 +16,7 @@ from toppling.results.analysis.side_by_side import CommonJobs, RockResults
 from toppling.results.drawing.roses import wind_of
 from toppling.results.drawing.sentences import interval_words
 from toppling.results.drawing.side_by_side_figures import fragilities_figure, thumbnail
-from toppling.results.drawing.style import png_bytes, printed_unit, short_name, within
+from toppling.results.drawing.style import digits, png_bytes, printed_unit, short_name, within
 from toppling.results.drawing.templates import Block, Document, block, rendered
 from toppling.results.reader import Run
 
@@ -123,11 +123,11 @@ def _card(rock: RockResults, folder: Path) -> dict[str, Any]:
     if rock.least is not None:
         weakest = (
             f"falls most easily toward {wind_of(row['falls_toward_deg'])} (arrow; bearing "
-            f"{row['falls_toward_bearing_deg']:.0f}°), at {rock.least['value']:.3g} m/s² of constant acceleration"
+            f"{row['falls_toward_bearing_deg']:.0f}°), at {digits(rock.least['value'])} m/s² of constant acceleration"
         )
         low, high, level = rock.least[["low_m_s2", "high_m_s2", "level"]]
         if level == level:
-            weakest += f" ({100 * level:.0f} % of its bases: {low:.3g} to {high:.3g})"
+            weakest += f" ({100 * level:.0f} % of its bases: {digits(low)} to {digits(high)})"
     place = row["site"] if row["site"] not in (None, rock.name) else ""
     report = rock.run.path / REPORT
     lines = [

@@ -30,6 +30,7 @@ from toppling.results.drawing.style import (
     within,
 )
 from toppling.results.drawing.templates import Document, block
+from toppling.results.run_integrity import LEAST_JOBS
 
 
 def first_screen(content: Content, document: Document) -> dict[str, Any]:
@@ -91,7 +92,7 @@ def _what_would_change(content: Content) -> Iterator[str]:
     yield from (f"{audit.sentence}." for audit in audits)
     if not audits:
         yield (
-            "This run has not been audited: 'toppling audit RUN' repeats a sample of its jobs with finer steps and "
+            f"This run has no audit of {LEAST_JOBS} jobs: 'toppling audit RUN' repeats a sample with finer steps and "
             "states how far its answers may be off."
         )
 
@@ -132,12 +133,12 @@ def _constraint_sentence(content: Content) -> str:
 def _caption(content: Content) -> str:
     contact, rock = content.chief, f"the rock {content.run.rock}"
     if contact.headline is None:
-        return f"Share of shakings that topple {rock} at each level of PGA ({contact.words}); bars: 95 %, by record."
+        return f"Share of shakings that topple {rock} at each level of PGA ({contact.words}); bars: 95 % intervals."
     name = short_name(contact.headline.measure)
     return (
         f"Toppling probability of {rock} over {name} ({contact.words}). Dots: share of shakings that topple it, with "
-        "95 % intervals by record; curve: lognormal fit, with its 95 % band; dashed: one case in two; hatched: what "
-        "the standing rock rejects for a single event."
+        "95 % intervals by earthquake; curve: lognormal fit, with its 95 % band; dashed: one case in two; hatched: "
+        "what the standing rock rejects for a single event."
     )
 
 

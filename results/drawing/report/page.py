@@ -341,11 +341,10 @@ def _jobs_section(content: Content, document: Document) -> list[Block]:
         else "not stated"
     )
     line = f"Engine {engines}; preset {presets}; time step {step or '?'} s"
-    if len(depth_m := frame["penetration_m"].dropna()):
-        line += (
-            f"; rock and pedestal overlap by at most {depth_m.quantile(0.99):.2g} m in 99 % of the jobs, and "
-            f"at most {depth_m.max():.2g} m in any"
-        )
+    for fell, which in ((False, "stays"), (True, "topples")):
+        if len(depth_m := frame.loc[(frame["toppled"] == 1) == fell, "penetration_m"].dropna()):
+            line += f"; where the rock {which}, it and its pedestal overlap by at most {depth_m.quantile(0.99):.2g} m "
+            line += f"in 99 % of the jobs, and at most {depth_m.max():.2g} m in any"
     ended = frame.groupby(["status", "ended_by", "message"], dropna=False)
     counts = ended.agg(jobs=("job_id", "size")).reset_index().sort_values("jobs", ascending=False)
     table = counts.head(MOST_SHOWN).rename(columns={"ended_by": "ended by"})

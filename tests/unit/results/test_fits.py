@@ -168,8 +168,8 @@ def test_a_lognormal_curve_and_its_inverse_agree():
 def test_what_lies_below_the_weakest_shaking_is_stated_as_under_it():
     basis = Basis("rock", 90, 80, 30, 0, 8.0, weakest_shaken=2.0)
     text = what_topples(Lognormal("pga_m_s2", 2.1, 0.4, basis, (1.2, 2.5)), "", single_base=False)
-    assert "2.1 m/s² (95 %: under 2 to 2.5)" in text
-    assert "with under 2 m/s² in one in twenty" in text
+    assert "2.10 m/s² (95 %: under 2.00 to 2.50)" in text
+    assert "with under 2.00 m/s² in one in twenty" in text
 
 
 def by_statsmodels(design, share, trials):

@@ -24,6 +24,7 @@ from toppling.orchestrator.task import lost_row
 from toppling.results.analysis.side_by_side import ARROW_M, compare_rocks, directions_geojson, geojson
 from toppling.results.drawing.report.gallery_page import summary
 from toppling.results.drawing.side_by_side_figures import scenarios_figure
+from toppling.results.drawing.style import digits
 from toppling.results.reader import open_run
 from toppling.results.store import write_part
 
@@ -123,10 +124,8 @@ def test_every_rocks_median_is_found_within_its_interval_and_a_rock_without_topp
         row = rocks[name].row
         assert row["median_low"] < median < row["median_high"]
         assert row["jobs"] == 200
-        assert (
-            f"{row['median']:.3g} m/s² (95 %: {row['median_low']:.3g} to "
-            in summary(*compared, "pga_m_s2")[0]
-        )
+        stated = f"{digits(row['median'])} m/s² (95 %: {digits(row['median_low'])} to "
+        assert stated in summary(*compared, "pga_m_s2")[0]
     assert rocks["silent"].curve is None
     assert rocks["silent"].row["remark"]
 

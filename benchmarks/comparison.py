@@ -38,10 +38,10 @@ LEAST_TILT_DEG = 0.1
 
 log = logging.getLogger(__name__)
 
-_DISTURBED_SHARE = 1e-6
+_DISTURBED_FRACTION = 1e-6
 """Fraction of the height by which the rock's start is disturbed to measure the floor of chaos."""
 
-_KEPT_AT_ONCE = 50
+_WRITTEN_AT_ONCE = 50
 """Answers written together."""
 
 _GROUPS = 20
@@ -138,7 +138,7 @@ def answers(
         for job, row in zip(missing, pool.map(_shake, missing, repeat(setting)), strict=True):
             known[job] = row
             advance()
-            if path and (len(known) % _KEPT_AT_ONCE == 0 or job == missing[-1]):
+            if path and (len(known) % _WRITTEN_AT_ONCE == 0 or job == missing[-1]):
                 write_table(pa.Table.from_pandas(_frame(known.values())), path)
     return _frame(known[job] for job in jobs)
 
@@ -160,8 +160,8 @@ def _disturbed_start(scene: Scene, toward_deg: float) -> State:
 
     Raised alone, a block would land flat and go on as if nothing had been.
     """
-    up = np.array([0.0, 0.0, _DISTURBED_SHARE * scene.rock.height_m])
-    half, azimuth = 0.5 * _DISTURBED_SHARE, np.deg2rad(toward_deg)
+    up = np.array([0.0, 0.0, _DISTURBED_FRACTION * scene.rock.height_m])
+    half, azimuth = 0.5 * _DISTURBED_FRACTION, np.deg2rad(toward_deg)
     turn = (-half * np.sin(azimuth), half * np.cos(azimuth), 0.0, 1.0)  # about the vertical cross the azimuth
     return State(position_m=scene.rock.com_m + up, quaternion_xyzw=turn)
 

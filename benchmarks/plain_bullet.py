@@ -17,7 +17,7 @@ from toppling.models.scene import Scene
 STEPS_A_SECOND = (240, 1000, 4000)
 """The engine's own step, and what users choose who distrust it."""
 
-REST_SPEED_SHARE = 5e-4
+REST_SPEED_FRACTION = 5e-4
 """In sqrt(g R): a rock slower than this after the motion has come to rest."""
 
 LONGEST_AFTER = 60.0
@@ -83,7 +83,7 @@ def _shaken(
     velocity = motion.velocity_at(np.arange(last + 1) * step_s)
     # The ground's frame: each step has the mean acceleration of the ground over it, turned round.
     loads = np.array([0.0, 0.0, -gravity]) - np.diff(velocity, axis=0) / step_s
-    at_rest = REST_SPEED_SHARE * math.sqrt(gravity * size)
+    at_rest = REST_SPEED_FRACTION * math.sqrt(gravity * size)
     begin, tilt, largest, deepest = _vertical(rock, client), 0.0, 0.0, 0.0
     for k, load in enumerate(loads.tolist()):
         pybullet.setGravity(*load, physicsClientId=client)

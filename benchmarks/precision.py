@@ -113,7 +113,7 @@ def line(plays: list[Rounds], median: float, beta: float) -> dict[str, float]:
     }  # fmt: skip
 
 
-def told_measure(rounds: Rounds) -> str:
+def stated_measure(rounds: Rounds) -> str:
     """The measure of a statement."""
     assert rounds.verdict is not None
     return rounds.verdict.measure
@@ -136,10 +136,10 @@ def main() -> None:
         grid = ask(pool.rows.ravel())
         for precision in (0.1, 0.06):
             plays = [play(pool, ask, Target(), precision, seed) for seed in range(PLAYS)]
-            for measure in sorted({told_measure(value) for value in plays}):
+            for measure in sorted({stated_measure(value) for value in plays}):
                 curve = curve_of(grid[measure])
                 own = math.sqrt(sum(curve.variances(Target().score))) * curve.student()
-                some = [value for value in plays if told_measure(value) == measure]
+                some = [value for value in plays if stated_measure(value) == measure]
                 name = f"{path.name} +-{100 * precision:g} %, {measure}, {len(some)} plays"
                 lines[name] = line(some, curve.median, curve.beta) | {"grid's own": own}
     print(pd.DataFrame(lines).T.round(3).to_string())

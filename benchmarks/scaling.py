@@ -402,17 +402,17 @@ def study_costs(seconds_per_job: float, run: Path | None) -> tuple[NDArray[np.fl
     return (cost * seconds_per_job / cost.mean())[order], length[order]
 
 
-def tell_atlas(seconds_per_job: float, client_us: float | None) -> None:
+def print_atlas(seconds_per_job: float, client_us: float | None) -> None:
     per_job_s = client_us * 1e-6 if client_us else client_s()
     print(f"an atlas of {math.prod(ATLAS)} jobs; the client takes {1e6 * per_job_s:.0f} us for each")
     rock = np.repeat(np.arange(ATLAS[0]), math.prod(ATLAS[1:]))
     cost = np.random.default_rng(SEED).lognormal(0.0, 0.8, len(rock))
     cost *= seconds_per_job / cost.mean()
     for workers in ATLAS_WORKERS:
-        say(played(cost, workers, cost, rock, per_job_s))
+        print_row(played(cost, workers, cost, rock, per_job_s))
 
 
-def say(expected: dict[str, float]) -> None:
+def print_row(expected: dict[str, float]) -> None:
     print("  " + "  ".join(f"{name} {value:,.3g}" for name, value in expected.items()), flush=True)
 
 
@@ -437,18 +437,18 @@ def main() -> None:
     if "million" in given.parts:
         print("a million jobs, planned, handed out, counted and stored in one process")
         with multiprocessing.get_context("spawn").Pool(1) as pool:  # whose greatest memory is the work's
-            say(pool.apply(million))
+            print_row(pool.apply(million))
     if "pretended" in given.parts:
         print(f"pretended workers, for {given.seconds:g} s if nothing held them up")
         for workers, seconds_per_job in given.pretend or PRETENDED:
-            say(pretended_run(int(workers), seconds_per_job, given.seconds))
+            print_row(pretended_run(int(workers), seconds_per_job, given.seconds))
     if "study" in given.parts:
         cost, length = study_costs(given.seconds_per_job, given.run)
         print(f"the study's {STUDY} jobs, {cost.mean():.3f} s each on average, {cost.max():.1f} s at most")
         for number in WORKERS:
-            say(played(cost, number, length))
+            print_row(played(cost, number, length))
     if "atlas" in given.parts:
-        tell_atlas(given.seconds_per_job, given.client_us)
+        print_atlas(given.seconds_per_job, given.client_us)
 
 
 if __name__ == "__main__":

@@ -31,7 +31,7 @@ from comparison import Job, Setting, answers, draw_jobs
 from numpy.typing import NDArray
 from pages import put, table
 from scipy.stats import t as student_t
-from squat_rocks import beside_the_contact, member
+from squat_rocks import member, outside_the_contact
 
 from toppling.models.errors import InputError
 from toppling.models.files.mesh_files import read_triangles
@@ -256,7 +256,7 @@ def family_row(seed: int) -> tuple[str, dict[str, float]]:
     except InputError as error:
         print(name, error, flush=True)
         return name, {"found": 0.0}
-    adjacent = beside_the_contact(drawn, cloud.points_m, label)
+    adjacent = outside_the_contact(drawn, cloud.points_m, label)
     right = found.label == label
     rock, known = found.scene.rock, drawn.truth.rock
     moved = rock.com_m + found.scene.origin_m - known.com_m - virtual.DEMO_ORIGIN_M

@@ -31,7 +31,7 @@ from toppling.workers.options import PHYSICS_VERSION, PRESETS
 ROOT = Path(__file__).parent.parent
 PAGE = ROOT / "benchmarks" / "reports" / "shortcuts.md"
 ENSEMBLE, SCANNED = ROOT / "demo" / "ensemble", ROOT / "demo" / "scene"
-KEPT = ROOT / "runs" / "shortcuts"
+RETAINED = ROOT / "runs" / "shortcuts"
 BLOCKS = (
     ((0.2, 0.2, 0.6), 5.0, 0.0),
     ((0.5, 0.35, 1.0), 0.0, 0.0),
@@ -106,7 +106,7 @@ def main() -> None:
         task = progress.add_task("shaking", total=(2 + 1 / FLOOR_OF) * len(jobs))
         rows = pd.concat(
             compare(
-                partial(answers, scene, ensemble, folder=KEPT, advance=partial(progress.advance, task)),
+                partial(answers, scene, ensemble, folder=RETAINED, advance=partial(progress.advance, task)),
                 share,
             )
             for scene, share in zip(scenes, fractions, strict=True)

@@ -20,7 +20,7 @@ CREVICE_PER_WIDTH = (0.01, 0.2)
 """Depth of the crevice over the width of the base."""
 PEDESTALS = ("ground", "shelf", "cliff")
 HEIGHTS_M = (0.8, 14.0)
-BESIDE_PER_HEIGHT = 0.1
+OUTSIDE_PER_HEIGHT = 0.1
 """Points so near to the contact's rim are beside it."""
 
 
@@ -179,12 +179,12 @@ def _with(
     )
 
 
-def beside_the_contact(
+def outside_the_contact(
     member: Member, points_m: NDArray[np.float64], label: NDArray[np.int8]
 ) -> NDArray[np.bool_]:
     """Points of rock and pedestal within a tenth of the rock's height of the contact's rim."""
     truth = member.truth
-    reach = BESIDE_PER_HEIGHT * truth.rock.height_m
+    reach = OUTSIDE_PER_HEIGHT * truth.rock.height_m
     vertices = truth.rock.vertices_m
     over = (vertices - truth.pedestal.point_m) @ truth.pedestal.normal
     rim = vertices[over < 1e-9 * truth.rock.height_m]

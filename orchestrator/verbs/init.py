@@ -82,7 +82,7 @@ def init(
     head = _HEAD.format(name=shlex.quote(str(out)), jobs=jobs, time=time)
     write_text(head + _keys(out, chosen, Assets(rock, motions), statics, pilot, spaced), out)
     levels_words = f"levels {spaced.start_m_s2:g} to {spaced.stop_m_s2:g} m/s2"
-    click.echo(f"{out}: {jobs} jobs, {levels_words}, {time}")
+    click.echo(f"{out}: {jobs:,} jobs, {levels_words}, {time}")
     click.echo(f"next: toppling plan {shlex.quote(str(out))}")
 
 
@@ -139,7 +139,7 @@ _HEAD = """\
 # A campaign, written by 'toppling init'. Change what you like, then:
 #   toppling plan {name}
 #   toppling run {name} --out runs/first
-# {jobs} jobs: {time} of this machine.
+# {jobs:,} jobs: {time} of this machine.
 """
 
 
@@ -167,7 +167,7 @@ scene = {scene}  # folders are relative to this file
 ensemble = {ensemble}  # {counted(len(assets.ensemble.record_ids), "record")}
 
 # pga_m_s2: {keys["pga_m_s2"].help}.
-# The least constant acceleration that topples the rock is {least_static(statics)}.
+# The least constant acceleration that topples the rock as it is in the scene is {least_static(statics)}.
 # {_pilot_sentence(pilot)}
 pga_m_s2 = {{ start = {start}, stop = {stop}, step = {step} }}  # {len(levels)} levels, the stop included; or a list
 

@@ -157,6 +157,8 @@ def close_rock(surfels: Surfels, rock: Flags, base: Base, interface: Interface) 
             f"the surface closed about what was seen is no body of a rock: {error.what}"
         ) from error
     on_plane = np.abs(vertices[:, 2] - interface.rise(vertices)[:, 2]) < 1e-9 * height
+    if not on_plane.any():
+        raise _not_closed("the reconstructed surface does not reach the interface")
     return ClosedRock(
         rock_body,
         *_areas(vertices[faces], np.asarray(on_plane[faces].all(axis=1)), flat, surfels.voxel_m, interface),

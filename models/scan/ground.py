@@ -249,6 +249,8 @@ def pedestal_surface(
     except QhullError:
         return None
     below = _inside_ring(ring, surfels.voxel_m)
+    if not len(below):
+        return None
     narrow = away < _NARROW_PER_HEIGHT * height_m
     found = faceted(flat, flat_normals, height_m)
     if found is None and narrow.sum() > _LEAST_PATCHES:
@@ -288,7 +290,7 @@ def level_surface(surfels: Surfels, rock: Flags, height_m: float, plane: Interfa
         ring = places[ConvexHull(places).vertices]
     except (QhullError, ValueError):
         return plane
-    lattice = _lattice_m(_inside_ring(ring, surfels.voxel_m), height_m)
+    lattice = _lattice_m(ring, height_m)
     nothing, middle = np.zeros((0, 3)), ring.mean(axis=0)
     return replace(plane, sheet=Sheet(np.zeros((1, 3)), "plane", nothing, middle, 0.0, lattice, ring))
 
@@ -321,7 +323,7 @@ def _along_the_crease(frame: Interface, sheet: Sheet) -> tuple[Interface, Sheet]
 
 
 def _lattice_m(below: Array, height_m: float) -> float:
-    """A whole number of the cells in which bases are seen, as many as places of a base are apart."""
+    """A whole number of the cells in which bases are seen, as many as places (n, 2) of a base are apart."""
     cell = height_m / CELLS_PER_HEIGHT
     width = float(np.sqrt(ConvexHull(below).volume))
     return cell * max(1, round(width / PLACES_ACROSS / cell))

@@ -325,6 +325,22 @@ def _standing_on(surfels: Surfels, hint: InterfaceHint, near_m: Array | None) ->
     return found
 
 
+def at_the_crease(
+    points_m: Array, origin_m: Array, near_m: Array | None, hint: InterfaceHint
+) -> Segmentation | None:
+    """What stands above that of several creases around one thing on which the places lie that the user names.
+
+    They answer which is meant, and where it runs was seen. None where there are not several, or on none of them.
+    """
+    coarse = surfels_of(points_m)
+    things = [thing for thing in find_candidates(points_m, coarse) if thing.rivals]
+    seen = [cut for thing in things for cut in (thing, *thing.rivals) if not cut.hidden]
+    off = [cKDTree(cut.loop_m).query(hint.anchors_m)[0].max() / cut.surfels.voxel_m for cut in seen]
+    if not off or min(off) > JOINED_VOXELS:
+        return None
+    return _refine(points_m, coarse, seen[int(np.argmin(off))], [], origin_m, near_m)
+
+
 def _off(code: str, hint: InterfaceHint, what: str, remedy: str) -> InputError:
     where = f"the interface's {hint.kind}"
     return InputError(

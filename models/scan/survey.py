@@ -43,6 +43,7 @@ from toppling.models.scan.segment import (
     PEDESTAL,
     ROCK,
     Segmentation,
+    at_the_crease,
     cut_over,
     label_surfels,
     relabelled,
@@ -381,6 +382,12 @@ def _split_at(
     """Rock and pedestal, the user's interface, in place of whose points may be what was seen, and what to tell."""
     if cloud.label is not None:
         parts = as_labelled(cloud.points_m, cloud.label)
+    elif (
+        hint is not None
+        and hint.kind == "points"
+        and (answered := at_the_crease(cloud.points_m, cloud.origin_m, near, hint))
+    ):
+        return answered, None, ""
     else:
         parts = segment(cloud.points_m, cloud.origin_m, near, hint)
     seen = None if hint is None else seen_about_points(hint, parts.surfels, parts.surfel_label == ROCK)

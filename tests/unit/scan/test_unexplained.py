@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from toppling.models.arrays import inside_box
 from toppling.models.errors import InputError
-from toppling.models.scan import virtual
+from toppling.models.scan import segment, virtual
 from toppling.models.scan.candidates import (
     Candidate,
     cut_between,
@@ -22,7 +22,7 @@ from toppling.models.scan.candidates import (
 )
 from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.interface import fit_interface
-from toppling.models.scan.interface_hint import hint_of
+from toppling.models.scan.interface_hint import InterfaceHint, hint_of
 from toppling.models.scan.scan_warnings import (
     check_seen_enough,
     left_over,
@@ -30,7 +30,7 @@ from toppling.models.scan.scan_warnings import (
     unseen_rim,
     warnings_of,
 )
-from toppling.models.scan.segment import choose, patches_around, with_reason
+from toppling.models.scan.segment import ROCK, at_the_crease, choose, patches_around, with_reason
 from toppling.models.scan.surfels import Surfels, orient, thin
 from toppling.models.scan.survey import survey
 from toppling.models.scan.uncertainty import ObservedRock, check_above
@@ -242,11 +242,22 @@ def test_a_part_of_a_level_face_rises_from_nothing():
     assert cut_between(face, neighbourhood(places, 0.03), away < 0.5, away > 0.9, int(away.argmin())) is None
 
 
-def test_of_a_stack_whose_joint_shows_from_near_by_the_user_is_asked_which_part_is_meant():
+def test_of_a_stack_whose_joint_shows_from_near_by_the_user_is_asked_which_part_is_meant(monkeypatch):
     points, wide_m = stack(0.33).points_m, 3.0 * VOXEL_M
     surfels = orient(thin(points, wide_m)[0], wide_m)
-    with refused("scan.several_creases", "1.67 m high above --point", "1.19 m high above --point"):
+    with refused("scan.several_creases", "1.67 m high above --point", "1.19 m high above --point") as error:
         choose(find_candidates(points, surfels)[:1], None, np.zeros(3), surfels)
+    monkeypatch.setattr(segment, "surfels_of", lambda _: surfels)
+    offered = np.array(re.findall(r"--point ([^,]+),([^,]+),([-.0-9]+)", error.value.what), float).reshape(
+        -1, 3, 3
+    )
+    for places_m in offered:
+        parts = at_the_crease(points, np.zeros(3), None, InterfaceHint.points(places_m))
+        assert parts is not None
+        rock = points[parts.label == ROCK, 2]
+        assert rock.min() == pytest.approx(places_m[:, 2].mean(), abs=wide_m)
+    above = InterfaceHint.points(offered[1] + np.array([0.0, 0.0, 0.3]))
+    assert at_the_crease(points, np.zeros(3), None, above) is None
 
 
 def test_the_places_of_a_crease_that_are_offered_lie_on_the_plane_through_all_of_it():

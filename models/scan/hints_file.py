@@ -8,6 +8,7 @@ from typing import Any, TypedDict
 from toppling.models.errors import InputError, did_you_mean, refusals
 from toppling.models.files.documents import read_toml
 from toppling.models.files.folder import new_file
+from toppling.models.frames import azimuth_of
 
 HINTS = "hints.toml"
 FLAT, ROUGH, ROUNDED = KINDS = ("flat", "rough", "rounded")
@@ -88,7 +89,7 @@ _unusable = refusals(
 
 
 def read_hints(path: Path) -> dict[str, Any]:
-    """Values by option, as the file has them.
+    """Values by option, in the words of the command line.
 
     Raises InputError if the file is absent, large, no TOML, or has another key or form.
     """
@@ -98,7 +99,7 @@ def read_hints(path: Path) -> dict[str, Any]:
             meant = did_you_mean(key, KEYS, "see the list")
             raise _unusable("hint.unknown", f"'{key}' is no hint; {meant}", path)
         try:
-            plain(key, hints[key])
+            hints[key] = plain(key, hints[key])
         except (TypeError, ValueError, LookupError):
             raise _unusable("hint.form_unknown", f"'{key}' has a value of another form", path) from None
     return hints
@@ -134,8 +135,10 @@ def plain(key: str, value: Any) -> Any:
     if key == "length":
         return [_as_text(value[0]), _as_text(value[1]), float(value[2])]
     if key == "pull":
-        return [[float(number) for number in pull] for pull in value]
-    if key in ("near", "plane"):
+        return [[azimuth_of(azimuth), float(ratio)] for azimuth, ratio in value]
+    if key == "plane":
+        return [*map(float, value[:-1]), azimuth_of(value[-1])]
+    if key == "near":
         return [float(number) for number in value]
     return _as_text(value) if key == "up" else value
 

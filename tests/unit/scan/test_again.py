@@ -131,10 +131,15 @@ def test_hints_of_another_scan_do_not_apply_and_a_scene_is_replaced_whole(rock, 
     assert [path.name for path in tmp_path.iterdir()] == ["mixed"]  # nothing is left beside it, hidden or not
 
 
-def test_hints_survive_their_file(tmp_path):
+def test_hints_survive_their_file_and_may_be_written_by_hand_as_on_the_command_line(tmp_path):
     hints = {"units": "mm", "near": [1.5, 2.0], "plane": [1.0, 2.0, 3.0, 5.0, 50.0], "pull": [[40.0, 0.21]]}
     (tmp_path / HINTS).write_text(hints_text(hints))
     assert read_hints(tmp_path / HINTS) == hints
+    (tmp_path / HINTS).write_text(
+        'pull = [["N50E", 0.21]]\ntouch = [[1, 2, 3]]\nplane = [1, 2, 3, 5, "compass:40"]\n'
+    )
+    by_hand = {"pull": [[40.0, 0.21]], "touch": ["1.0,2.0,3.0"], "plane": [1.0, 2.0, 3.0, 5.0, 50.0]}
+    assert read_hints(tmp_path / HINTS) == by_hand
     (tmp_path / HINTS).write_text("neer = [1, 2]\n")
     with refused("hint.unknown", "'near'"):
         read_hints(tmp_path / HINTS)

@@ -235,7 +235,8 @@ class Scene(Described):
         from toppling.models.ground.body import grounded_body
 
         friction = (self.contact.friction_static, self.contact.friction_kinetic)
-        return grounded_body(self.rock, self.pedestal, self.gravity_m_s2, friction, self.rolls)
+        band_m = -np.inf if self.unseen is None else self.unseen.band_m
+        return grounded_body(self.rock, self.pedestal, self.gravity_m_s2, friction, self.rolls, band_m)
 
     def statics(self, ground_accelerates_toward_deg: Iterable[float | str]) -> list[Limits]:
         """Accelerations at which the rock tips and slides, by azimuths or bearings such as "N40E".

@@ -20,7 +20,7 @@ from toppling.models.ground.equilibrium import are_held, wrenches
 from toppling.models.ground.facets import NO_FACETS, Facets, facets_below, not_looked_at
 from toppling.models.ground.mesh import ContactMesh, contact_mesh, not_touching, smooth_parts
 from toppling.models.ground.pairs import Lists, empty_lists
-from toppling.models.ground.plane import NO_POINTS
+from toppling.models.ground.plane import FLAT_SHARE, NO_POINTS
 from toppling.models.ground.rolling import FIRST_KEY, NO_ROLLING, rolling_surface
 from toppling.models.ground.stepping import Grounded, contacts_at, settle, work_room
 from toppling.models.pedestal import FARTHEST_SETTLING, TOPPLED_TILT_DEG, Pedestal
@@ -290,13 +290,20 @@ class GroundedBody:
         friction: tuple[float, float],
         *,
         smooth: bool = False,
+        band_m: float = -np.inf,
     ) -> GroundedBody:
-        """A rock on a pedestal; smooth: with the surface that a rounded base stands for."""
+        """A rock on a pedestal; smooth: with the surface that a rounded base stands for.
+
+        band_m: height over the interface plane up to which feet, if any, replace the rock's vertices.
+        """
         turn = np.column_stack([*plane_axes(pedestal.normal), pedestal.normal])
         moments, axes = rock.principal_axes(turn)
         com, size = (rock.com_m - pedestal.point_m) @ turn, rock.half_diagonal_m
+        # The clearances of feet tell the ground's relief, and so far it is the interface plane.
+        off_m = 0.0 if rock.feet_m is None else FLAT_SHARE * rock.height_m
         if rock.feet_m is not None:  # drawn over the plane: on the mesh it stands on the hull of its feet
-            hull = trimesh.convex.convex_hull(np.vstack([rock.vertices_m, rock.feet_m]))
+            own_m = rock.vertices_m[(rock.vertices_m - pedestal.point_m) @ pedestal.normal > band_m]
+            hull = trimesh.convex.convex_hull(np.vstack([own_m, rock.feet_m]))
             rock = dataclasses.replace(
                 rock, vertices_m=np.array(hull.vertices), faces=np.array(hull.faces, np.int64)
             )
@@ -304,6 +311,7 @@ class GroundedBody:
         reach, far = FOUND_WITHIN * size, GROUND_REACH * size
         vertices_m, ground_faces = pedestal.triangles(rock.com_m, 2.0 * far)
         ground_m = (vertices_m - pedestal.point_m) @ turn
+        ground_m[:, 2] -= np.clip(ground_m[:, 2], -off_m, off_m)
         ground = contact_mesh(ground_m, ground_faces, com - far, com + far, reach)
         mesh, patches = (smooth_mesh_of(rock), patches_of(rock)) if smooth else (None, None)
         faces, touching, rounded = rock.faces, None, NO_FACETS
@@ -347,7 +355,12 @@ class GroundedBody:
 
 @cached
 def grounded_body(
-    rock: Rock, pedestal: Pedestal, gravity_m_s2: float, friction: tuple[float, float], smooth: bool
+    rock: Rock,
+    pedestal: Pedestal,
+    gravity_m_s2: float,
+    friction: tuple[float, float],
+    smooth: bool,
+    band_m: float,
 ) -> GroundedBody:
     """As :meth:`GroundedBody.of`; the same one for all scenes that share rock and pedestal."""
-    return GroundedBody.of(rock, pedestal, gravity_m_s2, friction, smooth=smooth)
+    return GroundedBody.of(rock, pedestal, gravity_m_s2, friction, smooth=smooth, band_m=band_m)

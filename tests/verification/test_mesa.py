@@ -5,9 +5,11 @@ import math
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from test_ground import HALF_HEIGHT_M, HALF_WIDTH_M, G, as_surface, block, prism, pulse, strips
 from test_rest_on_facets import burst
 
+from toppling.models.hidden_base.unseen_base import BaseDraw, UnseenBase
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.workers.shaking import shake
@@ -143,6 +145,20 @@ def test_a_base_drawn_over_a_plane_meets_a_curb_and_a_rim_as_its_own_would():
             drawn, own = (shake(v, push, "fast") for v in (on_drawn_base(scene), scene))
             assert drawn.outcome == own.outcome
             assert own.toppled or drawn.slip_m == pytest.approx(own.slip_m, rel=0.05)
+
+
+def test_a_drawn_base_leaves_its_plane_for_ground_that_is_the_same_plane_to_one_per_cent_of_its_height():
+    """What of the rock its feet replace, and relief of which their clearances tell, overlap nothing there."""
+    for height_m, level_m in ((0.003, 0.0), (0.054, 0.05)):  # of a rock .4 m high
+        scene = slab_on(between_curbs(height_m, 0.15), 0.2)
+        upper = scene.rock.vertices_m[scene.rock.vertices_m[:, 2] > 0.1]
+        rock = dataclasses.replace(scene.rock, feet_m=np.vstack([upper, upper * [0.5, 0.5, 0.0]]))
+        draws = UnseenBase(0.1, (BaseDraw(rock.feet_m, np.zeros(3)),))
+        body = dataclasses.replace(scene, rock=rock, unseen=draws).grounded
+        assert np.unique(body.ground.vertices_m[:, 2].round(9)).tolist() == sorted({0.0, level_m})
+        placed = Rotation.from_quat(body.pose[3:]).apply(body.rock.vertices_m) + body.pose[:3]
+        low = np.abs(placed[placed[:, 2] < 0.1, :2]).max(axis=0)
+        np.testing.assert_allclose(low, 0.5 * np.abs(upper[:, :2]).max(axis=0))
 
 
 def test_a_rock_that_topples_before_it_slides_anywhere_has_toppled():

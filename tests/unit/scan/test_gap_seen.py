@@ -100,12 +100,8 @@ def test_a_rock_touches_nothing_where_land_was_seen_far_below_a_gap_in_its_under
     patches = np.vstack([slab, places[neck], land])
     normals = np.tile([0.0, 0.0, 1.0], (len(patches), 1))
     normals[: len(slab)] *= -1.0
-    apart = seen_apart(
-        Surfels(patches, normals, np.zeros(len(patches)), 0.02),
-        np.arange(len(patches)) < len(slab),
-        LEVEL,
-        HEIGHT_M,
-    )
+    surfels = Surfels(patches, normals, np.zeros(len(patches)), 0.02)
+    apart = seen_apart(surfels, np.arange(len(patches)) < len(slab), LEVEL, HEIGHT_M)
     under, without = (
         Underside.of(NearInterface(slab, places[neck], HEIGHT_M, apart=found)) for found in (apart, None)
     )

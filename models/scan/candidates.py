@@ -61,6 +61,8 @@ _LEAST_OF_A_PLANE, _FLAT_VOXELS = 80, 1.0
 _LOW_VOXELS, _BESIDE_VOXELS, _ABOVE_VOXELS, _SURROUNDED = 6.0, 6.0, 2.0, 0.6
 """Thresholds for things on a plane: heights of the foot and of what is off the plane, distance in which it shows beside
 its foot, and the share of the directions in which it does."""
+_BELOW_SHARE = 0.25
+"""Least share of the directions in which a plane that carries a thing goes on below it, where little of it shows."""
 JOINED_SPACINGS, _NEIGHBOURS = 1.8, 12
 """Patches of a rock so near, over the distance to the fourth neighbour, hang together; of so many that are nearest."""
 SURFACE_ROUGHNESS = 0.4
@@ -136,7 +138,8 @@ def find_candidates(points_m: Array, coarse: Surfels) -> list[Candidate]:
     part = joined_parts(seen, len(coarse.points_m))
     for above in (part == number for number in distinct(part[support[:, 0]])):
         if cut := cut_between(coarse, edges, above, ~above, highest(above, coarse.points_m[:, 2])):
-            closed.append(replace(cut, hidden=True))
+            level = np.full(len(cut.loop_m), cut.loop_m[:, 2].max())
+            closed.append(replace(cut, hidden=True, loop_m=np.column_stack([cut.loop_m[:, :2], level])))
     found: list[list[Candidate]] = []  # each thing's cuts, that which counts first
     for candidate in sorted(closed, key=lambda candidate: (candidate.hidden, candidate.cost)):
         own = next((k for k, cuts in enumerate(found) if (candidate.rock & cuts[0].rock).any()), None)
@@ -495,7 +498,7 @@ def _on_plane(surfels: Surfels, edges: Indices, plane: Interface) -> list[Candid
         np.maximum.at(reach, sectors(own), np.hypot(*own.T))
         below = np.hypot(*offset.T) < reach[sectors(offset)] - JOINED_VOXELS * voxel
         hidden = len(np.unique(sectors(offset[away < _BESIDE_VOXELS * voxel]))) < _SURROUNDED * SECTORS
-        if hidden and 4 * len(np.unique(sectors(offset[below]))) < SECTORS:
+        if hidden and len(np.unique(sectors(offset[below]))) < _BELOW_SHARE * SECTORS:
             continue
         peak = highest(thing, height)
         seeds, far = thing_and_rest(surfels, edges, thing, peak, height)

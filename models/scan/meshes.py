@@ -23,7 +23,7 @@ _POINTS_PER_TRIANGLE, FEWEST, _MOST = 4, 1_000_000, 4_000_000
 _WIDEST, _NARROWEST = 200.0, 0.3
 """Extents, in metres, beyond which a mesh is hardly a rock and its ground: other units are likelier."""
 _OPEN_FRACTION = 0.05
-"""Share of a mesh's area: with less left over it is closed, and no opening shows where up is."""
+"""Fraction of a mesh's area: with less left over it is closed, and no opening shows where up is."""
 _TILTED_DEG, _NEAR_AXIS_DEG = 45.0, 25.0
 """An open surface faces up in the mean: farther from z than this, z is not up; nearer to an axis, that axis is."""
 _TURNED_OVER = 0.5
@@ -160,7 +160,7 @@ def points_on(vertices: Array, faces: Indices) -> tuple[Array, Indices]:
     area = np.linalg.norm(_crossed(corners), axis=1)
     count = int(np.clip(_POINTS_PER_TRIANGLE * len(faces), FEWEST, _MOST))
     number = np.arange(count)
-    share = np.cumsum(0.5 * area / area.sum() + 0.5 / len(faces))
+    share = np.cumsum(0.5 * area / max(area.sum(), np.finfo(float).tiny) + 0.5 / len(faces))
     triangle = np.minimum(np.searchsorted(share, (number + 0.5) / count), len(faces) - 1)
     # Roberts' R2 sequence, folded into the triangle.
     u, v = (number * 0.7548776662466927) % 1.0, (number * 0.5698402909980532) % 1.0

@@ -17,9 +17,18 @@ from toppling.models.files.documents import MOST_SHOWN
 from toppling.models.files.guarded import read_guarded
 from toppling.models.files.mesh_files import read_vertices
 from toppling.models.scan.interface import LEAST_SEEN
+from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scan.meshes import is_mesh
 from toppling.models.scan.read import Cloud
-from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK, Segmentation, label_surfels, patches_around
+from toppling.models.scan.segment import (
+    NEITHER,
+    PEDESTAL,
+    ROCK,
+    Segmentation,
+    at_seen,
+    label_surfels,
+    patches_around,
+)
 
 _CLASSES = ("classification", "class", "label", "segment")
 """Names that a PLY's scalar has which says what a point is of, alone or after "scalar_"."""
@@ -150,7 +159,7 @@ def _scalar(path: Path, part: Part) -> Array | None:
     return vertices[name][finite].astype(float)
 
 
-def as_labelled(points_m: Array, label: NDArray[np.int8]) -> Segmentation:
+def as_labelled(points_m: Array, label: NDArray[np.int8], hint: InterfaceHint | None) -> Segmentation:
     """Patches around a rock that was separated before.
 
     Raises InputError if it has no height, or lies apart from its pedestal.
@@ -168,7 +177,7 @@ def as_labelled(points_m: Array, label: NDArray[np.int8]) -> Segmentation:
     surfels, _, _ = patches_around(points_m, rock, height)
     surfel_label = label_surfels(surfels, points_m, label)
     _check_together(surfels.points_m, surfel_label, height)
-    return Segmentation(label, surfels, surfel_label, [])
+    return at_seen(Segmentation(label, surfels, surfel_label, [], hint=hint))
 
 
 def _check_together(patches_m: Array, label: NDArray[np.int8], height_m: float) -> None:

@@ -14,7 +14,6 @@ from scipy.spatial.transform import Rotation
 from toppling.models.arrays import AT_ONCE, Array, Flags, inside_box
 from toppling.models.errors import InputError, refusals
 from toppling.models.frames import shifted_and_turned
-from toppling.models.lengths import METRES, NAMES
 from toppling.models.scan import o3d
 from toppling.models.scan.plausible import MINIMUM_POINTS
 from toppling.models.scan.read import Cloud
@@ -25,9 +24,6 @@ _OVERLAP_FRACTION = 0.02
 _LEAST_OVERLAP, _LEAST_IN_FILE = 0.05, 0.005
 """Share of a file's points, and of one of its stations', that must show a place that another one shows too: strips of
 a flight may lie side by side."""
-_LENGTHS_M = {NAMES[unit]: METRES[unit] for unit in ("ft", "in", "cm", "mm")}
-_FITS_BETTER = 0.2
-"""Share of the points that conversion must bring into place to give a file away; known ones gain 0.25 or more."""
 
 
 _no_overlap = refusals(
@@ -37,10 +33,9 @@ _no_overlap = refusals(
 
 
 def check_overlap(cloud: Cloud) -> None:
-    """Refuse stations that do not show the same place, or show it in other units.
+    """Refuse stations that do not show the same place.
 
-    Raises InputError if a file's cloud, or a station of a file, shares next to nothing with the others, or fits them
-    better in another unit of length.
+    Raises InputError if a file's cloud, or a station of a file, shares next to nothing with the others.
     """
     if not cloud.station.any():
         return  # files of one station are pieces of one model
@@ -48,24 +43,29 @@ def check_overlap(cloud: Cloud) -> None:
     parts = np.split(cloud.points_m, ends[:-1])
     if len(parts) > 1:
         names, samples = [name for name, _ in cloud.files], [_some(part, SAMPLED) for part in parts]
-        _check(names, samples, cloud.origin_m, _LEAST_OVERLAP)
+        _check(names, samples, _LEAST_OVERLAP)
     names, samples = _stations(cloud)
     if len(samples) > len(parts):
-        _check(names, samples, cloud.origin_m, _LEAST_IN_FILE)
+        _check(names, samples, _LEAST_IN_FILE)
 
 
-def _check(names: list[str], samples: list[Array], origin_m: Array, least: float) -> None:
+def _check(names: list[str], samples: list[Array], least: float) -> None:
     """Refuse the one of several clouds that overlaps the others least, if by less than such a share."""
-    against = [_Against.of(samples, number) for number in range(len(samples))]
-    _refuse_other_units(against, names, origin_m)
-    shown = [file.shared() for file in against]
+    sizes, shown, ratios = np.array([_size(sample) for sample in samples]), [], []
+    for number, own in enumerate(samples):
+        others_m = np.concatenate([*samples[:number], *samples[number + 1 :]])
+        usual_m = float(np.median(np.delete(sizes, number)))
+        reach_m = _OVERLAP_FRACTION * usual_m
+        # Points that show a place of the others, or of theirs that show one of its own.
+        shown.append(max(_near(own, others_m, reach_m), _near(others_m, own, reach_m)))
+        ratios.append(sizes[number] / usual_m)
     alone = [number for number, share in enumerate(shown) if share < least]
     if not alone:
         return
-    alone.sort(key=lambda number: (shown[number], -against[number].ratio))
+    alone.sort(key=lambda number: (shown[number], -ratios[number]))
     others = [names[number] for number in alone[1:]]
     also = f"; the same holds for {', '.join(others)}" if others else ""
-    ratio = against[alone[0]].ratio
+    ratio = ratios[alone[0]]
     units = "" if 0.4 < ratio < 2.5 else f"; it is {ratio:.3g} times as large: other units?"
     raise _no_overlap("scan.no_overlap", f"does not overlap the other clouds{also}{units}", names[alone[0]])
 
@@ -89,70 +89,6 @@ def _stations(cloud: Cloud) -> tuple[list[str], list[Array]]:
 
 def _some(rows: NDArray, count: int) -> NDArray:
     return rows[:: max(1, len(rows) // count)]
-
-
-@dataclass(frozen=True, eq=False)
-class _Against:
-    """Points of a file against those of all others."""
-
-    points_m: Array
-    others_m: Array
-    others_size_m: float
-    ratio: float
-    rise: float
-
-    @classmethod
-    def of(cls, samples: list[Array], number: int) -> "_Against":
-        """Compare sizes, in space and in height, with those that are typical of the others."""
-        others = [sample for other, sample in enumerate(samples) if other != number]
-        size = float(np.median([_size(other) for other in others]))
-        rise = float(np.median([_size(other[:, 2:]) for other in others]))
-        points = samples[number]
-        ratio, steep = _size(points) / size, _size(points[:, 2:]) / max(rise, 1e-9 * size)
-        return cls(points, np.concatenate(others), size, ratio, steep)
-
-    def shared(self) -> float:
-        """Share of the file's points that show a place of the others, or of theirs that show one of its own."""
-        reach = _OVERLAP_FRACTION * self.others_size_m
-        return max(_near(self.points_m, self.others_m, reach), _near(self.others_m, self.points_m, reach))
-
-    def fit_gained(self, unit: float, origin_m: Array) -> float:
-        """How much better file and others fit each other after conversion, 0 where the sizes tell against it.
-
-        The smaller of the two shares counts: through any cloud of sloping ground some points of a smaller one lie on
-        a larger one. A wide view and a close one differ in size too, but not in height.
-        """
-        if not (0.75 < self.ratio * unit < 1.33 and 0.6 < self.rise * unit < 1.67):
-            return 0.0
-        converted = (self.points_m + origin_m) * unit - origin_m
-        reach = _OVERLAP_FRACTION * self.others_size_m * min(1.0, self.ratio)
-        as_is, after = (
-            min(_near(points, self.others_m, reach), _near(self.others_m, points, reach))
-            for points in (self.points_m, converted)
-        )
-        return after - as_is
-
-
-def _refuse_other_units(against: list[_Against], names: list[str], origin_m: Array) -> None:
-    """Blame the file whose conversion brings it and the others together best."""
-    gains = [
-        (file.fit_gained(unit, origin_m), unit < 1.0, unit, number)
-        for number, file in enumerate(against)
-        for length in _LENGTHS_M.values()
-        for unit in (length, 1.0 / length)
-    ]
-    # Of two files each fits the other by conversion; that with the larger numbers is not in metres.
-    gain, larger, unit, number = max(gains, key=lambda found: (found[0] > _FITS_BETTER, found[1], found[0]))
-    if gain > _FITS_BETTER:
-        name = next(word for word, length in _LENGTHS_M.items() if length in (unit, 1.0 / unit))
-        explanation = (
-            f"read as {name} it fits the others" if larger else f"the others, read as {name}, fit it"
-        )
-        raise _no_overlap(
-            "scan.station_in_other_units",
-            f"is in other units than the other clouds: {explanation}",
-            names[number],
-        )
 
 
 def _size(points: Array) -> float:
@@ -372,7 +308,7 @@ def check_fit(cloud: Cloud, registration: dict[str, Any]) -> None:
         f"its points near theirs show the same place, of theirs {usual:.0%}",
         where=cloud.files[file][0],
         expected="stations registered to each other, with what is left small enough to be taken out here",
-        remedy="register this station anew, or leave it out",
+        remedy="register this station anew, convert it to metres if it is in another unit, or leave it out",
     )
 
 

@@ -44,7 +44,7 @@ apart."""
 _MEET_VOXELS = 4.0
 """Patches of rock and pedestal so near to each other meet."""
 _CREASED_FRACTION = 0.5
-"""Share of the rim that was seen along which a crease must show."""
+"""Fraction of the rim that was seen along which a crease must show."""
 _TOUCHES_ABOVE = 0.2
 """Share of the rock's height above which what touches it is a warning."""
 _OFF_SURFACE = 0.3

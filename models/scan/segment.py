@@ -1,12 +1,13 @@
 """Segmentation: which of the things that stand in a cloud is meant, and where it ends above its pedestal."""
 
 from dataclasses import dataclass, replace
+from itertools import permutations
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, cKDTree
 
-from toppling.models.arrays import Array, Flags, Indices, at_most, bounds_of, inside_box, inside_cylinder
+from toppling.models.arrays import Array, Flags, Indices, bounds_of, inside_box, inside_cylinder
 from toppling.models.errors import InputError
 from toppling.models.scan.candidates import (
     JOINED_SPACINGS,
@@ -24,8 +25,8 @@ from toppling.models.scan.candidates import (
     surfels_of,
     thing_and_rest,
 )
-from toppling.models.scan.interface import Interface, fitted_plane
-from toppling.models.scan.interface_hint import InterfaceHint
+from toppling.models.scan.interface import Interface
+from toppling.models.scan.interface_hint import InterfaceHint, points_text, seen_about_points
 from toppling.models.scan.surfels import FEW_SAMPLED, LEVEL, Surfels, orient, roughness, thin
 from toppling.models.shapes import joined_parts
 
@@ -35,6 +36,8 @@ _NEAR_HEIGHTS = 1.5
 """Largest distance, in its heights, of a candidate from where the user points."""
 _CIRCLES = (0.2, 0.08, 0.032, 0.0128)
 """Radii about a named place, over the cloud's extent; a circle with fewer points than a sample shows no rock."""
+_TURNED_BACK = 0.5
+"""Cosine to the way out of the survey below which the normal of a patch at its end shows that a thing ends there."""
 
 
 def choose(candidates: list[Candidate], near_m: Array | None, origin_m: Array, coarse: Surfels) -> Candidate:
@@ -59,6 +62,11 @@ def choose(candidates: list[Candidate], near_m: Array | None, origin_m: Array, c
             remedy="crop the cloud to the rock and what it stands on, without what is behind it, or give the rock and "
             "the rest as --rock and --pedestal",
         )
+    bodies = _side_by_side(chosen) if chosen.rivals else []
+    if len(bodies) > 1:
+        if near_m is None:
+            raise _several(_touching(chosen.surfels, bodies, chosen.rock, origin_m))
+        return chosen
     if chosen.rivals:
         seen = [
             f"{thing.height_m:.3g} m high above "
@@ -82,8 +90,43 @@ def _ends_with_survey(thing: Candidate, coarse: Surfels) -> bool:
     lines = ConvexHull(coarse.points_m[:, :2]).equations
     inward_m = -(thing.surfels.points_m[thing.rock, :2] @ lines[:, :2].T + lines[:, 2])
     facing = np.einsum("ij,ij->i", thing.surfels.normals[thing.rock, :2], lines[inward_m.argmin(axis=1), :2])
-    at_end = (inward_m.min(axis=1) < JOINED_VOXELS * coarse.voxel_m) & (facing < 0.5)
+    at_end = (inward_m.min(axis=1) < JOINED_VOXELS * coarse.voxel_m) & (facing < _TURNED_BACK)
     return int(at_end.sum()) > len(thing.loop_m) > 0
+
+
+def _side_by_side(thing: Candidate) -> list[Flags]:
+    """Bodies (n,) of a thing that touch each other, if none lies over the middle of another: a click names one of them.
+
+    Its creases at several heights are then no question: what is cut off with the others is parted from them.
+    """
+    surfels = thing.surfels
+    bodies, _ = parted(surfels, surface_edges(surfels), thing.rock)
+    outside_m = [
+        _outside_m(surfels, body, np.median(surfels.points_m[other, :2], axis=0))
+        for body, other in permutations(bodies, 2)
+    ]
+    return bodies if all(outside_m) else []
+
+
+def _outside_m(surfels: Surfels, body: Flags, place_m: Array) -> float:
+    """How far a place (2,) lies outside the convex outline of a body's patches (n,) in plan view, 0 within."""
+    lines = ConvexHull(surfels.points_m[body, :2]).equations
+    return max(float((lines[:, :2] @ place_m + lines[:, 2]).max()), 0.0)
+
+
+def _touching(surfels: Surfels, bodies: list[Flags], rock: Flags, origin_m: Array) -> str:
+    """Which bodies (n,) of a rock touch each other, in words."""
+    return f"{len(bodies)} bodies touch each other there: {_where(surfels, bodies, rock, origin_m)}"
+
+
+def _where(surfels: Surfels, parts: list[Flags], rock: Flags, origin_m: Array) -> str:
+    """Sizes and places of parts (n,) of a rock, in words."""
+    return ", and ".join(
+        "{:.0%} of the patches about {:.2f}, {:.2f}, {:.2f}".format(
+            part.sum() / rock.sum(), *(np.median(surfels.points_m[part], axis=0) + origin_m)
+        )
+        for part in parts
+    )
 
 
 def _several(seen: str) -> InputError:
@@ -98,13 +141,9 @@ def _several(seen: str) -> InputError:
 
 
 def _three_of(loop_m: Array) -> Array:
-    """Three places (3, 3) on the plane through a loop (k, 3), next to it, a third of a turn apart."""
-    plane = fitted_plane(loop_m)
-    offset = loop_m[:, :2] - plane.point_m[:2]
-    turn = np.arctan2(offset[:, 1], offset[:, 0])
-    return plane.onto(loop_m)[
-        [np.abs(np.angle(np.exp(1j * (turn - way)))).argmin() for way in np.deg2rad([0, 120, 240])]
-    ]
+    """Three places (3, 3) of a loop (k, 3), a third of a turn apart."""
+    turn = np.arctan2(*(loop_m[:, :2] - loop_m[:, :2].mean(axis=0)).T[::-1])
+    return loop_m[[np.cos(turn - way).argmax() for way in np.deg2rad([0, 120, 240])]]
 
 
 def _nothing_stands(coarse: Surfels, origin_m: Array) -> InputError:
@@ -112,14 +151,16 @@ def _nothing_stands(coarse: Surfels, origin_m: Array) -> InputError:
     size = np.ptp(coarse.points_m, axis=0)
     return InputError(
         "scan.nothing_stands",
-        f"nothing in the cloud stands on anything: patches of {coarse.voxel_m:.2g} m show no thing with a crevice or "
-        f"crease around it in its {size[0]:.3g} by {size[1]:.3g} m, {size[2]:.3g} m from its lowest to its highest",
+        f"nothing in the cloud stands on anything: patches of {coarse.voxel_m:.2g} m, about "
+        f"{np.median(coarse.roughness):.0%} as thick as wide, show no thing with a crevice or crease around it in its "
+        f"{size[0]:.3g} by {size[1]:.3g} m, {size[2]:.3g} m from its lowest to its highest",
         where="segmentation",
         expected="a rock above a crevice or narrowing, seen from several sides with some of its pedestal",
         remedy="point at the rock by a click with --pick or by --near X Y; the cloud's highest place is --near "
         f"{x:.2f} {y:.2f}, at z {z:.2f}. A rock less than {LEAST_PEAK_VOXELS * coarse.voxel_m:.2g} m high is found "
         "from near by alone. Or say where the two meet by three places --point X,Y,Z around the contact. Check "
-        "that z points up",
+        "that z points up. Where patches are a fifth as thick as wide, noise, plants or rubble hide the crevice: scan "
+        "from nearer, or leave out far stations, plants and returns at grazing angles",
     )
 
 
@@ -175,59 +216,6 @@ def _tops(candidates: list[Candidate], origin_m: Array) -> str:
     )
 
 
-_THICK = 0.18
-"""Thickness over width of the median patch: noise of 0.01 of the relief makes it 0.13, of 0.015 0.23."""
-_WIDTH_VOXELS = 1.1
-"""Standard deviation of the places around a patch that its plane is fitted to."""
-_LEAST_NOISES_PER_HEIGHT = 100
-_OF_NOISE, _OF_EXTENT, _STRAYS = 8.0, 0.02, 20
-"""All but so few points lie no farther off the plane through them than this many standard deviations of the noise,
-and this share of the cloud's extent."""
-
-
-def with_reason(error: InputError, points_m: Array) -> InputError:
-    """Refusal of a cloud (n, 3) with what of its points may be the reason, and the remedy."""
-    if (of_plane := _without_relief(points_m)) is not None:
-        return of_plane
-    patches = surfels_of(points_m)
-    thick = float(np.median(patches.roughness))
-    if thick < _THICK:
-        return error
-    return InputError(
-        error.code,
-        f"{error.what}; the cloud is noisy or rough: its patches of {patches.voxel_m:.2g} m lie about "
-        f"{thick * _WIDTH_VOXELS * patches.voxel_m:.2g} m off the surface through those around them, from noise, "
-        "plants or rubble",
-        where=error.where,
-        expected=error.expected,
-        remedy=f"give a cloud with less noise than a {_LEAST_NOISES_PER_HEIGHT}th of the rock's height: scan from "
-        "nearer, average repeated scans, leave out far stations, plants and returns at grazing angles; else: "
-        f"{error.remedy}",
-    )
-
-
-def _without_relief(points_m: Array) -> InputError | None:
-    """The refusal of a wall, a floor or a slope: nothing stands out of its plane but noise."""
-    every = at_most(points_m, FEW_SAMPLED)
-    plane = fitted_plane(every)
-    off_m = np.abs((points_m - plane.point_m) @ plane.normal)
-    noise_m = 1.4826 * float(np.median(off_m))
-    strays = min(_STRAYS, len(off_m))
-    farthest_m = float(np.partition(off_m, -strays)[-strays])
-    extent_m = float(np.ptp(every, axis=0).max())
-    if farthest_m > min(_OF_NOISE * noise_m, _OF_EXTENT * extent_m):
-        return None
-    dip_deg = np.rad2deg(np.arccos(min(abs(plane.normal[2]), 1.0)))
-    return InputError(
-        "scan.no_relief",
-        f"nothing in the cloud stands on anything: all of it lies within {farthest_m:.2g} m of a plane that dips by "
-        f"{dip_deg:.0f} degrees, as a floor, a slope or a wall does",
-        where="segmentation",
-        expected="a rock that stands on a pedestal",
-        remedy="give the clouds that show the rock as well, or a larger part of them",
-    )
-
-
 ROCK, PEDESTAL, NEITHER = 0, 1, 2
 
 _FINE_VOXELS_PER_HEIGHT = 100
@@ -257,7 +245,9 @@ class Segmentation:
     surfel_label: NDArray[np.int8]  # (k,)
     # list of (x, y, z, height): other things that stand there, metres.
     others: list[tuple[float, float, float, float]]
-    note: str = ""  # what touches the rock, and whether it was taken with it
+    # What touches the rock, and whether it was taken with it; which interface was taken instead of the user's.
+    notes: tuple[str, ...] = ()
+    hint: InterfaceHint | None = None  # where the rock was split, none where a crease was seen to part it
 
 
 def segment(
@@ -273,9 +263,18 @@ def segment(
     the user points.
     """
     coarse = surfels_of(points_m)
+    candidates = find_candidates(points_m, coarse) if hint is None or hint.kind == "points" else []
     if hint is not None:
-        return _refine(points_m, coarse, _standing_on(coarse, hint, near_m), [], origin_m, near_m, hint)
-    candidates = find_candidates(points_m, coarse)
+        at_crease = _at_crease(hint, candidates)
+        if at_crease is not None:
+            return _refine(points_m, coarse, at_crease, [], origin_m, near_m)
+        parts = _refine(points_m, coarse, _standing_on(coarse, hint, near_m), [], origin_m, near_m, hint)
+        seen = at_seen(parts)
+        if seen.hint is None or seen.hint is hint:
+            return parts
+        thing = _standing_on(coarse, seen.hint, near_m)
+        again = _refine(points_m, coarse, thing, [], origin_m, near_m, seen.hint)
+        return replace(again, notes=(*again.notes, seen.notes[-1]))
     # A rock that is small in its cloud shows in patches made around it alone: where points lie densest, unless named.
     place_m = np.median(points_m[:, :2], axis=0) if near_m is None and not candidates else near_m
     if place_m is not None and not _lies_on(place_m, candidates):
@@ -325,20 +324,24 @@ def _standing_on(surfels: Surfels, hint: InterfaceHint, near_m: Array | None) ->
     return found
 
 
-def at_the_crease(
-    points_m: Array, origin_m: Array, near_m: Array | None, hint: InterfaceHint
-) -> Segmentation | None:
+def _at_crease(hint: InterfaceHint, candidates: list[Candidate]) -> Candidate | None:
     """What stands above that of several creases around one thing on which the places lie that the user names.
 
     They answer which is meant, and where it runs was seen. None where there are not several, or on none of them.
     """
-    coarse = surfels_of(points_m)
-    things = [thing for thing in find_candidates(points_m, coarse) if thing.rivals]
+    things = [thing for thing in candidates if thing.rivals]
     seen = [cut for thing in things for cut in (thing, *thing.rivals) if not cut.hidden]
     off = [cKDTree(cut.loop_m).query(hint.anchors_m)[0].max() / cut.surfels.voxel_m for cut in seen]
-    if not off or min(off) > JOINED_VOXELS:
-        return None
-    return _refine(points_m, coarse, seen[int(np.argmin(off))], [], origin_m, near_m)
+    return seen[int(np.argmin(off))] if off and min(off) < JOINED_VOXELS else None
+
+
+def at_seen(parts: Segmentation) -> Segmentation:
+    """The same parts with the pedestal's plane as it was seen, where that is known better than by the user's places."""
+    hint = parts.hint
+    seen = None if hint is None else seen_about_points(hint, parts.surfels, parts.surfel_label == ROCK)
+    if hint is None or seen is None:
+        return parts
+    return replace(parts, hint=seen, notes=(*parts.notes, points_text(hint, seen.interface)))
 
 
 def _off(code: str, hint: InterfaceHint, what: str, remedy: str) -> InputError:
@@ -407,7 +410,8 @@ def _refine(
         surfels,
         surfel_label,
         [(*other.top_m.tolist(), other.height_m) for other in others],
-        note,
+        (note,) if note else (),
+        hint,
     )
 
 
@@ -415,27 +419,18 @@ def _meant(
     surfels: Surfels, edges: Indices, rock: Flags, near_m: Array | None, hinted: bool, origin_m: Array
 ) -> tuple[Flags, str]:
     """Which patches (n,) of a rock are those of the body that is meant, and what touches it, in words."""
-
-    def seen(parts: list[Flags]) -> str:
-        return ", and ".join(
-            "{:.0%} of the patches about {:.2f}, {:.2f}, {:.2f}".format(
-                part.sum() / rock.sum(), *(np.median(surfels.points_m[part], axis=0) + origin_m)
-            )
-            for part in parts
-        )
-
     bodies, parts = parted(surfels, edges, rock)
     if len(bodies) == 1:
         remedy = "if these are two bodies, give that which is meant and the rest as --rock and --pedestal"
-        return rock, f"a crease parts the rock in two, {seen(parts)}: {remedy}" if parts else ""
-    what = f"{len(bodies)} bodies touch each other there: {seen(bodies)}"
+        seen = _where(surfels, parts, rock, origin_m)
+        return rock, f"a crease parts the rock in two, {seen}: {remedy}" if parts else ""
+    what = _touching(surfels, bodies, rock, origin_m)
     if near_m is None and hinted:
         return rock, f"{what}; they are taken as one rock, or name one by --near X Y"
     if near_m is None:
         raise _several(what)
-    outlines = [ConvexHull(surfels.points_m[body, :2]).equations for body in bodies]
-    away_m = [max(float((lines[:, :2] @ near_m + lines[:, 2]).max()), 0.0) for lines in outlines]
-    return bodies[int(np.argmin(away_m))], f"{what}; the rock is that at --near X Y, without the rest"
+    nearest = int(np.argmin([_outside_m(surfels, body, near_m) for body in bodies]))
+    return bodies[nearest], f"{what}; the rock is that at --near X Y, without the rest"
 
 
 def _clutter(points_m: Array, coarse: Surfels, rock_m: Array, fine_m: float) -> Flags:

@@ -196,7 +196,7 @@ SAMPLED_POINTS = 2_000_000
 _LEAST_SHARE = 0.75
 """Least share of the points that may be shown."""
 _COVERED_FRACTION = 0.8
-"""Share of the points that are no farther apart than a cloud's spacing."""
+"""Fraction of the points that are no farther apart than a cloud's spacing."""
 LIGHT = np.array([-0.45, -0.6, 0.66])
 """Direction toward the light, from the upper left of one who looks north."""
 _DARKEST = 0.35

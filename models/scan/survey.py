@@ -31,7 +31,7 @@ from toppling.models.scan.crevice import check_seen, judge_crevice, seen_apart
 from toppling.models.scan.ground import Ground, level_surface, pedestal_ground, pedestal_surface
 from toppling.models.scan.hints_file import outside_cloud
 from toppling.models.scan.interface import UPWARD, Interface, Sheet, fit_interface
-from toppling.models.scan.interface_hint import InterfaceHint, check_near, points_text, seen_about_points
+from toppling.models.scan.interface_hint import InterfaceHint, check_near
 from toppling.models.scan.meshes import Mesh
 from toppling.models.scan.parts import as_labelled
 from toppling.models.scan.plausible import mesh_note, step_note
@@ -43,12 +43,10 @@ from toppling.models.scan.segment import (
     PEDESTAL,
     ROCK,
     Segmentation,
-    at_the_crease,
     cut_over,
     label_surfels,
     relabelled,
     segment,
-    with_reason,
     without_ground,
 )
 from toppling.models.scan.surfels import SAMPLED_POINTS, Surfels
@@ -316,15 +314,14 @@ def work_out(
         check_near(hint, cloud.bounds_m)
         hint = hint.moved(cloud.origin_m)
     progress("splitting rock from pedestal")
-    try:
-        parts, hint, moved = _split_at(cloud, near, hint)
-        progress("fitting the interface")
-        parts, interface = _classified(cloud, parts, hint)
-        seen = _seen(cloud, parts, hint, interface)
-    except InputError as error:
-        if cloud.label is not None:  # given apart, not found in one cloud
-            raise
-        raise with_reason(error, cloud.points_m) from error
+    if cloud.label is None:
+        parts = segment(cloud.points_m, cloud.origin_m, near, hint)
+    else:
+        parts = as_labelled(cloud.points_m, cloud.label, hint)
+    hint = parts.hint
+    progress("fitting the interface")
+    parts, interface = _classified(cloud, parts, hint)
+    seen = _seen(cloud, parts, hint, interface)
     check_size(seen.observed.height_m, "units")
     check_above(seen.observed, seen.interface)
     check_inspection(seen.observed, seen.interface, inspection.moved(cloud.origin_m))
@@ -361,7 +358,7 @@ def work_out(
         or [{"name": name, "points": points} for name, points in cloud.files],
         "uncertainty": spread_of(closed),
     }
-    notes += [parts.note, moved, too_large(height_m, closed.rock.volume_m3)]
+    notes += [*parts.notes, too_large(height_m, closed.rock.volume_m3)]
     notes += [doubt.sentence for doubt in doubted]
     seat = ground.pedestal, cloud.origin_m, fitted.bounds_m
     cached = CachedScan(observed, interface, closed, *seat, report, inspection)
@@ -374,28 +371,6 @@ def _inside_cloud(near_m: tuple[float, float], cloud: Cloud) -> Array:
     if not ((near >= low) & (near <= high)).all():
         raise outside_cloud(near_m, low, high, "--near", "x and y of the rock's top")
     return near - cloud.origin_m[:2]
-
-
-def _split_at(
-    cloud: Cloud, near: Array | None, hint: InterfaceHint | None
-) -> tuple[Segmentation, InterfaceHint | None, str]:
-    """Rock and pedestal, the user's interface, in place of whose points may be what was seen, and what to tell."""
-    if cloud.label is not None:
-        parts = as_labelled(cloud.points_m, cloud.label)
-    elif (
-        hint is not None
-        and hint.kind == "points"
-        and (answered := at_the_crease(cloud.points_m, cloud.origin_m, near, hint))
-    ):
-        return answered, None, ""
-    else:
-        parts = segment(cloud.points_m, cloud.origin_m, near, hint)
-    seen = None if hint is None else seen_about_points(hint, parts.surfels, parts.surfel_label == ROCK)
-    if hint is None or seen is None:
-        return parts, hint, ""
-    if cloud.label is None:
-        parts = segment(cloud.points_m, cloud.origin_m, near, seen)
-    return parts, seen, points_text(hint, seen.interface)
 
 
 @dataclass(frozen=True, eq=False)

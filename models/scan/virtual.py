@@ -141,7 +141,7 @@ def ground(
 
 DEMO_ORIGIN_M = np.array([331_000.0, 3_777_000.0, 480.0])
 _MIXED_FRACTION = 0.3
-"""Share of the beams at a range jump whose footprint falls on both surfaces."""
+"""Fraction of the beams at a range jump whose footprint falls on both surfaces."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -104,4 +104,4 @@ def test_a_rock_that_lies_apart_from_its_pedestal_is_refused_as_that(apart_m):
     label = np.repeat(np.array([PEDESTAL, ROCK], np.int8), [len(pedestal), len(rock)])
     result = "nearest by 0.2" if apart_m < 1.0 else "farther than the rock is high"
     with refused("rock.apart_from_pedestal", result):
-        as_labelled(np.vstack([pedestal, rock]), label)
+        as_labelled(np.vstack([pedestal, rock]), label, None)

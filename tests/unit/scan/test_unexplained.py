@@ -10,7 +10,6 @@ from refusals import refused
 from scipy.spatial import cKDTree
 
 from toppling.models.arrays import inside_box
-from toppling.models.errors import InputError
 from toppling.models.scan import segment, virtual
 from toppling.models.scan.candidates import (
     Candidate,
@@ -30,7 +29,7 @@ from toppling.models.scan.scan_warnings import (
     unseen_rim,
     warnings_of,
 )
-from toppling.models.scan.segment import ROCK, at_the_crease, choose, patches_around, with_reason
+from toppling.models.scan.segment import ROCK, choose, patches_around
 from toppling.models.scan.surfels import Surfels, orient, thin
 from toppling.models.scan.survey import survey
 from toppling.models.scan.uncertainty import ObservedRock, check_above
@@ -252,9 +251,11 @@ def test_of_a_stack_whose_joint_shows_from_near_by_the_user_is_asked_which_part_
         -1, 3, 3
     )
     for places_m in offered:
-        parts = at_the_crease(points, np.zeros(3), None, InterfaceHint.points(places_m))
+        parts = segment.segment(points, np.zeros(3), hint=InterfaceHint.points(places_m))
+        assert parts.hint is None
         assert points[parts.label == ROCK, 2].min() == pytest.approx(places_m[:, 2].mean(), abs=wide_m)
-    assert at_the_crease(points, np.zeros(3), None, InterfaceHint.points(offered[1] + 0.3)) is None
+    elsewhere = InterfaceHint.points(offered[1] + [0.0, 0.0, 0.3])
+    assert segment.segment(points, np.zeros(3), hint=elsewhere).hint is elsewhere
 
 
 def test_a_neighbour_that_touches_a_rock_is_a_separate_thing():
@@ -264,6 +265,23 @@ def test_a_neighbour_that_touches_a_rock_is_a_separate_thing():
     found = find_candidates(points, orient(thin(points, 3.0 * VOXEL_M)[0], 3.0 * VOXEL_M))
     assert [thing.height_m for thing in found] == pytest.approx([1.2, 0.9], abs=0.1)
     assert found[0].surfels.points_m[found[0].rock, 0].max() < 0.3
+
+
+def test_of_things_side_by_side_it_is_asked_which_and_not_at_which_crease_they_end():
+    tall, low = box((-0.25, -0.25, 0.0), (0.25, 0.25, 1.2)), box((0.27, -0.25, 0.0), (0.75, 0.25, 0.7))
+    points, normals = together(tall, low, ground())
+    rock = np.arange(len(points)) < len(tall[0]) + len(low[0])
+    seen = ~(rock & (np.abs(points[:, 0] - 0.26) < 0.015) & (points[:, 2] < 0.69))  # they touch there
+    surfels, rock = Surfels(points[seen], normals[seen], np.zeros(seen.sum()), VOXEL_M), rock[seen]
+    upper = Candidate(
+        0.5, points[0], surfels, rock & (surfels.points_m[:, 2] > 0.7), 0.5, 1.0, points[:9], True
+    )
+    both = Candidate(1.2, points[0], surfels, rock, 0.5, 1.0, points[:9], True, (upper,))
+    with refused("scan.several_rocks", "2 bodies touch each other there"):
+        choose([both], None, np.zeros(3), surfels)
+    assert choose([both], np.zeros(2), np.zeros(3), surfels) is both
+    with refused("scan.several_creases"):
+        choose([dataclasses.replace(upper, rivals=(both,))], np.zeros(2), np.zeros(3), surfels)
 
 
 @pytest.mark.parametrize("sides", ["horizontal", "up"])
@@ -298,26 +316,3 @@ def test_a_rim_unseen_around_the_weight_is_warned_of(unseen_deg, warned):
     low = 0.3 * np.column_stack([np.cos(turn), np.sin(turn), np.full(len(turn), 0.01)])
     seen = ObservedRock(low, low, low, low, None, None, 1.0, None)
     assert (unseen_rim(seen, LEVEL, np.array([0.0, 0.0, 0.5])) is not None) == warned
-
-
-REFUSED = InputError(
-    "scan.nothing_stands", "nothing stands", where="segmentation", expected="a rock", remedy="point at it"
-)
-
-
-def of_a_scene(points, noise_m=0.0):
-    """Level ground of 8 by 8 m with a ball of 2 m on it, seen with noise."""
-    random, quarter = np.random.default_rng(1), points // 4
-    flat = random.uniform(-4.0, 4.0, (3 * quarter, 2))
-    ball = random.normal(size=(quarter, 3))
-    ball = ball / np.linalg.norm(ball, axis=1)[:, None] + [0.0, 0.0, 1.0]
-    ground = np.column_stack([flat, np.zeros(len(flat))])
-    return np.concatenate([ground, ball]) + random.normal(0.0, noise_m, (4 * quarter, 3))
-
-
-def test_a_refusal_also_states_that_a_cloud_is_noisy_or_plane_and_nothing_else():
-    plane = np.random.default_rng(3).uniform(-4.0, 4.0, (40_000, 3)) * [1.0, 1.0, 0.001]
-    plane[:, 2] += 0.4 * plane[:, 1]
-    for points, expected in ((of_a_scene(150_000, 0.05), "noisy"), (plane, "22 degrees")):
-        assert expected in with_reason(REFUSED, points).what
-    assert all(with_reason(REFUSED, of_a_scene(150_000, noise_m)) is REFUSED for noise_m in (0.0, 0.01))

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.path import Path as Polygon
 from numpy.typing import ArrayLike
+from scipy.spatial import cKDTree
 
 from toppling.models.arrays import Array, Flags
 from toppling.models.errors import InputError, refusals
@@ -164,6 +165,8 @@ _POINTED_PER_HEIGHT = 0.05
 meant. One of them may be off by twice as much."""
 _FOOT_PER_HEIGHT = 0.1
 """Height over the pedestal below which patches are of the rock's foot, over the rock's height."""
+_ON_VOXELS = 2.0
+"""Distance from the nearest patch, in their width, up to which a place lies on what was seen."""
 _PLANE_PER_OFF = 1.0 / 3.0
 """Roughness of a pedestal over how far places lie off it, below which the places are off and not its plane."""
 
@@ -171,13 +174,15 @@ _PLANE_PER_OFF = 1.0 / 3.0
 def seen_about_points(hint: InterfaceHint, surfels: Surfels, rock: Flags) -> InterfaceHint | None:
     """The pedestal's plane as it was seen, where it is known better than by the places that the user pointed at.
 
-    A place that was clicked or typed is off by some centimetres, by which a plane through a few of them tilts by
-    degrees. A measured plane and an outline are taken as they are.
+    A place that was clicked lies on what was seen, and beside what was meant by some centimetres, by which a plane
+    through a few of them tilts by degrees. Places of which one lies on nothing seen were measured, as below soil. They
+    are taken as they are, and so are a plane and an outline.
 
     rock: (n,), which patches are the rock's, as split by the hint.
-    Returns None where the places agree with what was seen, lie too far off, or the pedestal is no plane.
+    Returns None where the places agree with what was seen, lie too far off or on nothing, or the pedestal is no plane.
     """
-    if hint.kind != "points":
+    to_seen_m = cKDTree(surfels.points_m).query(hint.anchors_m)[0]
+    if hint.kind != "points" or to_seen_m.max() > _ON_VOXELS * surfels.voxel_m:
         return None
     try:
         seen = fit_interface(surfels, rock)
@@ -190,13 +195,9 @@ def seen_about_points(hint: InterfaceHint, surfels: Surfels, rock: Flags) -> Int
     low = lowest[:, 2] < _FOOT_PER_HEIGHT * height_m
     lowest = np.vstack([lowest[low], seen.flat(hint.anchors_m)]) * [1.0, 1.0, 0.0]
     off_m = float(np.abs(np.append(over_m, hint.interface.flat(seen.scene(lowest))[:, 2])).max())
-    if max(abs(over_m.mean()), 0.5 * np.abs(over_m).max()) > _POINTED_PER_HEIGHT * height_m:
-        return None
-    if off_m < _AGREES_PER_HEIGHT * height_m:
-        return None
-    if seen.roughness_m > _PLANE_PER_OFF * off_m:
-        return None
-    return replace(hint, interface=seen)
+    elsewhere = max(abs(over_m.mean()), 0.5 * np.abs(over_m).max()) > _POINTED_PER_HEIGHT * height_m
+    agrees, rough = off_m < _AGREES_PER_HEIGHT * height_m, seen.roughness_m > _PLANE_PER_OFF * off_m
+    return None if elsewhere or agrees or rough else replace(hint, interface=seen)
 
 
 def points_text(hint: InterfaceHint, seen: Interface) -> str:

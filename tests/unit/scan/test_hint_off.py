@@ -67,10 +67,10 @@ def test_the_distance_of_a_wrong_hint_is_stated_with_the_observed_plane(hint, lo
     assert warned(seen) is None
 
 
-def pointed_at(off_m, away=1.1):
-    """Places around the column's middle, so far above its pedestal, at such a share of its radius."""
+def pointed_at(off_m, away=1.0, middle_m=0.0):
+    """Places around a middle on the x axis, so far above the pedestal, at such a share of the column's radius."""
     turn = np.deg2rad([20.0, 110.0, 200.0, 290.0])
-    places = on_the_slope(away * RADIUS_M * np.cos(turn), away * RADIUS_M * np.sin(turn))
+    places = on_the_slope(middle_m + away * RADIUS_M * np.cos(turn), away * RADIUS_M * np.sin(turn))
     return InterfaceHint.points(places + np.outer(off_m, NORMAL))
 
 
@@ -79,7 +79,8 @@ def seen_about(hint, bumps_m=0.0):
     return seen_about_points(hint, surfels, rock)
 
 
-CLICKED_M = [0.06, -0.05, -0.04, 0.02]
+CLICKED_M = [0.09, 0.01, 0.01, 0.02]
+"""Heights over the pedestal of clicks on the column's side."""
 
 
 @pytest.mark.parametrize("share", [2.0, 1.0, 0.4])
@@ -91,12 +92,12 @@ def test_places_clicked_off_a_plane_pedestal_are_moved_onto_it(share):
     assert seen.interface.flat(on_the_slope(np.zeros(1), np.zeros(1)))[0, 2] == pytest.approx(0.0, abs=1e-6)
     assert seen.kind == hint.kind
     text = points_text(hint, seen.interface)
-    assert f"{-0.05 * share:.2g} to {0.06 * share:+.2g} m" in text
+    assert f"{0.01 * share:+.2g} to {0.09 * share:+.2g} m" in text
     assert "dips by 4.0 degrees toward N30E" in text
 
 
 def test_true_places_close_together_determine_the_interface_less_than_the_observations():
-    hint = pointed_at(np.array([0.003, -0.003, -0.002, 0.001]), away=0.1)
+    hint = pointed_at(np.array([0.003, -0.003, -0.002, 0.001]), away=0.05, middle_m=RADIUS_M)
     assert hint.interface.normal @ NORMAL < np.cos(np.deg2rad(2.0))
     assert seen_about(hint).interface.normal == pytest.approx(NORMAL, abs=1e-6)
 
@@ -106,9 +107,10 @@ def test_true_places_close_together_determine_the_interface_less_than_the_observ
     [
         pytest.param(pointed_at([0.002, -0.003, 0.001, 0.003]), 0.0, id="what was seen agrees"),
         pytest.param(pointed_at([0.01, -0.01, 0.01, 0.02]), 0.01, id="what was seen is as uneven"),
+        pytest.param(pointed_at([-0.06, -0.05, -0.07, -0.06]), 0.0, id="places measured below what was seen"),
         pytest.param(pointed_at([0.12, 0.13, 0.11, 0.12]), 0.0, id="another pedestal is meant"),
         pytest.param(pointed_at([0.25, 0.01, -0.01, 0.0]), 0.0, id="one of them is no place of the pedestal"),
-        pytest.param(pointed_at(CLICKED_M), 0.03, id="the pedestal is no plane"),
+        pytest.param(pointed_at(np.multiply(0.7, CLICKED_M)), 0.03, id="the pedestal is no plane"),
         pytest.param(InterfaceHint.plane([0.0, 0.0, 0.05], 0.0, 0.0), 0.0, id="a measured plane"),
         pytest.param(
             InterfaceHint.points(pointed_at(CLICKED_M).anchors_m, "outline"), 0.0, id="a contact outline"

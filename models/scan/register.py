@@ -183,12 +183,9 @@ _WORTH = 0.95
 """A registration that leaves more than this share of the residual is not applied: it would follow the noise."""
 _NEARBY_VOXELS = 10.0
 """Points of a station this near to another's should show places that it shows too."""
-_OFF = ((0.25, 3.0), (0.7, 10.0))
-"""A station does not fit the others where its paired share is below the first, and its residual above the second, of
-these times theirs: where it is off by two voxels and more, or turned."""
-_TWO_OFF = (0.35, 3.5)
-"""Two stations do not fit each other where the residual of both is above the first of a voxel, and above the second
-times what each leaves by itself."""
+_OFF = 0.35, 3.5
+"""A station does not fit where what it leaves is above the first of a voxel, and above the second times what it leaves
+by itself."""
 _WEAK = 1e-3
 """Directions in which the pairs hold the stations by less than this share of the best held one stay as they are."""
 
@@ -279,62 +276,36 @@ def check_fit(cloud: Cloud, registration: dict[str, Any]) -> None:
     """Refuse a station that lies where the others are but shows other places than they do: it is off.
 
     registration: what `register` says.
-    Raises InputError if one of three stations or more pairs far less and far worse than the others, or two do not fit
-    each other.
+    Raises InputError if a station leaves far more than it leaves by itself; of two nobody can say which is off.
     """
-    fits = [
-        (k, fit)
-        for k, fit in enumerate(registration.get("of_stations", []))
-        if fit["paired_share"] is not None
-    ]
-    if len(fits) == 2:
-        _check_two([fit for _, fit in fits], registration["voxel_m"], cloud.files)
-    if len(fits) < 3:
+    every = enumerate(registration.get("of_stations", []))
+    off = [(_misfit(fit, registration["voxel_m"]), k) for k, fit in every if fit["paired_share"] is not None]
+    two = len(off) == 2
+    if len(off) < 2 or (min if two else max)(off)[0] < 1.0:
         return
-    number, worst = min(fits, key=lambda fit: fit[1]["paired_share"])
-    others = [fit for k, fit in fits if k != number]
-    usual = float(np.median([fit["paired_share"] for fit in others]))
-    residuals = [fit["residual_m"] for fit in others if fit["residual_m"] is not None]
-    own = worst["residual_m"]
-    above = np.inf if own is None else own / max(float(np.median(residuals)), 1e-12) if residuals else 0.0
-    if not any(worst["paired_share"] < share * usual and above > times for share, times in _OFF):
-        return
-    file = int(
-        np.searchsorted(np.cumsum([n for _, n in cloud.files]), np.argmax(cloud.station == number), "right")
-    )
+    number = max(off)[1]
+    files = list(dict.fromkeys(name for name, _ in cloud.files))
+    if not two:
+        ends = np.cumsum([points for _, points in cloud.files])
+        files = [cloud.files[int(np.searchsorted(ends, np.argmax(cloud.station == number), "right"))][0]]
+    which = f"station {number + 1} of {registration['stations']} does not fit the others"
     raise InputError(
         "scan.station_off",
-        f"station {number + 1} of {registration['stations']} does not fit the others: {worst['paired_share']:.0%} of "
-        f"its points near theirs show the same place, of theirs {usual:.0%}",
-        where=cloud.files[file][0],
+        f"{'the two stations do not fit each other' if two else which}: "
+        f"{registration['of_stations'][number]['paired_share']:.0%} of its points near others' show the same place",
+        where=" and ".join(files),
         expected="stations registered to each other, with what is left small enough to be taken out here",
-        remedy="register this station anew, convert it to metres if it is in another unit, or leave it out",
+        remedy="register this station anew, convert it to metres if it is in another unit, or leave it out; of two, a "
+        "third station tells which is off",
     )
 
 
-def _check_two(
-    fits: list[dict[str, float | None]], voxel_m: float, files: tuple[tuple[str, int], ...]
-) -> None:
-    """Refuse two stations that do not fit each other, however they lie: of two nobody can say which is off."""
-    residuals = [fit["residual_m"] for fit in fits if fit["residual_m"] is not None]
-    own = [fit["own_m"] or np.inf for fit in fits]
-    of_voxel, of_own = _TWO_OFF
-    if len(residuals) < 2:
-        what = "where one saw points, none of the other lies on the same surface"
-    elif min(residuals) < of_voxel * voxel_m or min(np.divide(residuals, own)) < of_own:
-        return
-    else:
-        what = (
-            f"where both saw a place they are {max(residuals):.2g} m apart, and points of one lie within "
-            f"{max(own):.2g} m of its own surface"
-        )
-    raise InputError(
-        "scan.stations_disagree",
-        f"the two stations do not fit each other: {what}",
-        where=" and ".join(dict.fromkeys(name for name, _ in files)),
-        expected="stations registered to each other, with what is left small enough to be taken out here",
-        remedy="one of them is off, or turned: register the two anew, or give a third station, which tells which",
-    )
+def _misfit(fit: dict[str, float | None], voxel_m: float) -> float:
+    """What a station leaves over what is tolerated: above 1 it is off."""
+    left_m, own_m = fit["residual_m"], fit["own_m"]
+    if left_m is None or own_m is None:
+        return np.inf
+    return min(left_m / (_OFF[0] * voxel_m), left_m / max(_OFF[1] * own_m, 1e-12))
 
 
 def _thinned(points: Array, voxel_m: float) -> _Thinned:
@@ -400,12 +371,10 @@ def _fits(stations: list[_Thinned], pose: list[Array], voxel_m: float) -> list[d
         found.append(
             {
                 "residual_m": 1.4826 * float(np.median(gap)) if met.any() else None,
+                "own_m": _own_residual_m(station),
                 "paired_share": float(met.mean()),
             }
         )
-    paired = [k for k, fit in enumerate(found) if fit["paired_share"] is not None]
-    for number in paired if len(paired) == 2 else []:  # of more the others tell which is off
-        found[number]["own_m"] = _own_residual_m(placed[number])
     return found
 
 

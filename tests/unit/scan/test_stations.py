@@ -72,7 +72,7 @@ def two_of(cloud, turn_deg=0.0, noise_m=0.0):
 
 @pytest.mark.parametrize("turn_deg", [30.0, 90.0, 180.0])
 def test_a_station_turned_about_the_rock_is_refused(cloud, turn_deg):
-    with refused("scan.stations_disagree") as error:
+    with refused("scan.station_off") as error:
         check_fit(*register(two_of(cloud, turn_deg)))
     assert error.value.where == "one and other"
 

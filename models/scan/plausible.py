@@ -17,8 +17,6 @@ _MULTIPLES = 0.9
 """Share of the distances between neighbouring values that must be multiples of a step."""
 _DRAWN = 1.5
 """Steps along a mesh's median edge below which it was drawn in them: rounded so, many triangles would have no area."""
-_ALONE, _TAKEN = 0.99, 0.5
-"""Shares of a grid of heights: of its points that have a node to themselves, and of its nodes that have a point."""
 
 
 def coordinate_steps(points: Array) -> Array:
@@ -34,23 +32,7 @@ def coordinate_steps(points: Array) -> Array:
     sample = sample[~marked_unmeasured(sample)]
     if len(sample) < 3:
         return np.zeros(3)
-    steps = np.array([_step(sample[:, axis]) for axis in range(3)])
-    steps[_grid_axes(finite, steps)] = 0.0
-    return np.maximum(steps, _single_precision(sample))
-
-
-def _grid_axes(points: Array, steps: Array) -> list[int]:
-    """Axes along which points (n, 3) are the nodes of a grid of heights: laid out so, not rounded to it.
-
-    Rounding puts several points of a wall, and of any surface that is finer than the step, at one node.
-    """
-    axes = np.flatnonzero(steps > 0.0)
-    if len(axes) != 2:
-        return []
-    nodes = np.rint((points[:, axes] - points[:, axes].min(axis=0)) / steps[axes])
-    taken = len(distinct(nodes[:, 0] * (nodes[:, 1].max() + 1.0) + nodes[:, 1]))
-    alone = taken >= _ALONE * len(points)
-    return axes.tolist() if alone and taken >= _TAKEN * np.prod(nodes.max(axis=0) + 1.0) else []
+    return np.maximum([_step(sample[:, axis]) for axis in range(3)], _single_precision(sample))
 
 
 def steps_of_mesh(vertices: Array, faces: Indices) -> Array:

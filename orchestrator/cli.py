@@ -198,9 +198,8 @@ def _at_hand(word: str) -> str:
     option, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)
     if is_store(value):
         location = at_hand(value)
-        click.echo(
-            f"{value}: a copy is in {location.parent}", err=True
-        )  # other paths are printed as addresses
+        # Other paths are printed as addresses.
+        click.echo(f"{value}: a copy is in {location.parent}", err=True)
         return f"{option}{equals}{location}"
     if (kind := _ADDRESS.match(value)) and kind[1].lower() not in _OF_OTHERS:
         return f"{option}{equals}{local(value)}"  # also for output: a command may create folders before files

@@ -15,7 +15,7 @@ from toppling.orchestrator.journal import last
 from toppling.orchestrator.run_folder import ended, is_running
 from toppling.results.precision import STATEMENT_FILE
 from toppling.results.reader import Completeness, rows_stored
-from toppling.results.run_integrity import AUDIT_FOLDER, run_document
+from toppling.results.run_integrity import AUDIT_FOLDER, LEAST_JOBS, run_document
 from toppling.results.store import newest_rows, read_steady, result_files
 from toppling.results.weights import CONTACT, WEIGHTS_FILE, Weights, are_due, sentences
 
@@ -79,7 +79,10 @@ def _audited(run: Path) -> tuple[dict[str, Any], list[str]]:
     from toppling.results.reader import open_run
 
     audits = audits_of(open_run(run))
-    return audits_json(audits), [audit.sentence for audit in audits.values()]
+    few = (
+        f"Fewer than {LEAST_JOBS} jobs were repeated: too few for an audit; 'toppling audit RUN' repeats more"
+    )
+    return audits_json(audits), [audit.sentence for audit in audits.values()] or [few]
 
 
 def _stated(run: Path) -> tuple[list[dict[str, Any]], list[str]]:

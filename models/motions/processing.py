@@ -11,7 +11,7 @@ from toppling.models.motions.intensity import displacement_m, velocity_m_s
 from toppling.models.motions.motion import Motion
 
 _TAPER_FRACTION = 0.05
-"""Share of the record that the cosine taper takes at each end."""
+"""Fraction of the record that the cosine taper takes at each end."""
 _HIGH_PASS_ORDER = 4
 """Order of the Butterworth filter after its two passes."""
 _LOWEST_CORNER_HZ = 0.001
@@ -19,9 +19,9 @@ _LOWEST_CORNER_HZ = 0.001
 CORNERS_HZ = (0.05, 0.07, 0.1, 0.14, 0.2)
 """Corners that the displacement check tries, lowest first: beyond the last, shaking of M 7 itself is lost."""
 _QUIET_FRACTION = 0.1
-"""Share of the record, at its end, in which the displacement is compared with its peak."""
+"""Fraction of the record, at its end, in which the displacement is compared with its peak."""
 _DRIFT_FRACTION = 0.25
-"""Share of its peak within which a sound displacement stays there after the filter."""
+"""Fraction of its peak within which a sound displacement stays there after the filter."""
 
 
 DRIFTS = "highest tried; the displacement still drifts at the end"

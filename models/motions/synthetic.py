@@ -37,9 +37,9 @@ _QUALITY_EXPONENT = 0.45
 _MEDIAN_KAPPA_S = 0.035
 """Median kappa of Californian rock, s."""
 _WINDOW_PEAK_FRACTION = 0.2
-"""Share of the window's length before its peak."""
+"""Fraction of the window's length before its peak."""
 _WINDOW_END_FRACTION = 0.05
-"""Share of the peak that the window has at its end."""
+"""Fraction of the peak that the window has at its end."""
 _WINDOW_LENGTH = 2.0
 """Length of the window in durations of the shaking."""
 _ROCK_AMPLIFICATION = (

@@ -152,7 +152,7 @@ def _allowed(statement: dict[str, Any]) -> str:
     """Sentence on the largest factors by which the mean hazard, or the single curve, may be scaled."""
     of = statement["mean"]
     which = "the hazard" if len(statement["branches"]) == 1 else "the mean hazard"
-    least = percent(1.0 - statement["confidence"])
+    least = f"{100 * (1.0 - statement['confidence']):.3g} %"
     if of["scale_factor"] is None:
         return f"However strong {which}'s motions were, survival would stay above {least}: there are too few events."
     allowed = "already too strong" if of["scale_factor"] < 1 else "compatible as it is"
@@ -175,8 +175,16 @@ def with_ends(row: dict[str, Any], name: str, words: Callable[[float], str] = di
 
 
 def percent(share: float) -> str:
-    """Format a probability or weight as percentage, without figures of one too small to matter."""
-    return "less than 0.01 %" if 0.0 < share < 1e-4 else f"{100 * share:.3g} %"
+    """Format a probability or weight as percentage, without figures of one too small to matter.
+
+    Examples
+    --------
+    >>> percent(0.5), percent(0.1204), percent(1.0), percent(0.0), percent(3e-5)
+    ('50.0 %', '12.0 %', '100 %', '0 %', 'less than 0.01 %')
+    """
+    if share == 0.0:
+        return "0 %"
+    return "less than 0.01 %" if 0.0 < share < 1e-4 else f"{digits(100 * share)} %"
 
 
 def _change(first: float, last: float) -> str:

@@ -107,7 +107,7 @@ _CLOCK = re.compile(
 """A time of day, of 24 hours or of twice twelve, and the date before it."""
 _DAY_S = 24 * UNITS_S["h"]
 _REGULAR_FRACTION = 0.95
-"""Share of equal differences from which rounding explains no other."""
+"""Fraction of equal differences from which rounding explains no other."""
 
 
 @dataclass(frozen=True)
@@ -281,14 +281,16 @@ def _column_of(part: str) -> _Column:
 def _roles_of(columns: Sequence[_Column]) -> _Roles | None:
     """Roles of columns by their names; None where one is not understood, as it might be a component.
 
-    Rows may be counted in the first column, then the time may stand, then components in any order; or acceleration
-    alone, with velocity and displacement behind it.
+    Rows may be counted in the first column; the others are the time and components in any order, or acceleration
+    alone, with velocity and displacement behind it. The time stands first, or has a name that is no component's.
     """
     first = int(columns[0].counts_rows and len(columns) > 1)
-    time = first if len(columns) > first + 1 and columns[first].is_time else None
+    times = [n for n in range(first, len(columns)) if columns[n].is_time]
+    times = [n for n in times if n == first or not label_of(columns[n].name)]
+    time = times[0] if times and len(columns) > first + 1 else None
     labels: dict[int, str] = {}
     others: dict[int, str] = {}
-    for place in range(first if time is None else first + 1, len(columns)):
+    for place in (n for n in range(first, len(columns)) if n != time):
         name, unit = columns[place].name, columns[place].unit
         known, label = unit_of(unit) if unit else None, label_of(name)
         other = known.quantity != "acceleration" if known else _OTHER_UNIT.fullmatch(unit) is not None

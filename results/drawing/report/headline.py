@@ -54,13 +54,14 @@ def answer(content: Content) -> list[str]:
 
 
 def _what_topples(content: Content) -> str:
-    contact = content.chief
+    contact, count = content.chief, content.frame["friction_static"].nunique()
+    words = contact.words + (f", the highest of {count} frictions" if count > 1 else "")
     if contact.headline is None:
         return (
             f"The rock toppled in {contact.toppled} of {len(contact.known):,} shakings with an answer "
-            f"({contact.words}): " + _no_curve(contact)
+            f"({words}): " + _no_curve(contact)
         )
-    return what_topples(contact.headline, contact.words, content.on_single_base)
+    return what_topples(contact.headline, words, content.on_single_base)
 
 
 def _what_narrows(content: Content) -> str:

@@ -119,7 +119,7 @@ REFUSED = {
         f"names: {names}": (
             f"# a title\n{names}\n" + rows(), "record.columns_unknown", "rec.csv:2", 4, "NS", "delete this line"
         )
-        for names in ("time,first,second,third", "time,UD,NS,humidity", "UD,NS,EW,time", "time,NS,NS,UD",
+        for names in ("time,first,second,third", "time,UD,NS,humidity", "time,NS,NS,UD",
                       "recorded at night", "# t first second third")
     },
     **{
@@ -188,6 +188,11 @@ def test_columns_without_names_are_two_horizontals_and_the_vertical(header, tmp_
 def test_columns_of_a_numbered_file_are_a_single_record(tmp_path):
     path = written(tmp_path, "t,H1 (m/s2),H2 (m/s2),V (m/s2)\n" + rows(), "rot2.csv")
     check_same(import_records([path], options=AS_IT_IS), north_known=False)
+
+
+def test_the_time_may_stand_behind_the_components(tmp_path):
+    table = np.column_stack([A[:, [2, 1, 0]], STEP_S * np.arange(len(A))])
+    check_same(by_table(written(tmp_path, "UD,NS,EW,time\n" + rows(table, lambda _: ""))))
 
 
 @pytest.mark.parametrize(

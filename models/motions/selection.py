@@ -2,13 +2,15 @@
 
 import math
 import re
-from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import NoReturn
+
+import numpy as np
+import pandas as pd
 
 from toppling.models.errors import InputError
 from toppling.models.files.documents import listed, read_json, shown
@@ -20,31 +22,18 @@ _TRACE = "T"
 """Text of nshmp-haz for a contribution below 0.01 %."""
 
 _EDGES = ("magnitude_low", "magnitude_high", "distance_low_km", "distance_high_km", "contribution")
-"""Columns of a table of bins."""
+"""Columns of a table of bins, whose magnitudes and distances lie from the low edge to below the high one."""
 _UNEVEN = 0.1
 """Share by which centres may lie nearer or farther apart than whole numbers of bins, as by rounding."""
 _MOST_UNEVEN = 0.3
 """The most of it, in bins."""
 
 
-_Record = tuple[str, dict[str, str]]
-"""File and line of a row, and its cells by the names of their columns."""
-
-
-@dataclass(frozen=True)
-class Bin:
-    """Cell of a hazard deaggregation: from the low edge to below the high one, and its contribution."""
-
-    magnitude: tuple[float, float]
-    distance_km: tuple[float, float]
-    contribution: float
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Deaggregation:
     """Contributions to a site's hazard, by magnitude and distance."""
 
-    bins: list[Bin]
+    bins: pd.DataFrame  # one row a bin: `_EDGES`
     of: str = ""  # the motion that it is of, and which of several; empty where the file does not say
 
 
@@ -70,62 +59,72 @@ def read_deaggregation(table: Path, imt: str | None = None, poe: float | None = 
     return Deaggregation(_nshmp(file) if "Σε" in first else _bins(file))
 
 
-def _bins(file: Table) -> list[Bin]:
+def _bins(file: Table) -> pd.DataFrame:
     """Bins of a table of their edges; those that it splits, as by epsilon, are added up."""
     if len(file.rows) < 2:
         what = "no bin below the names of columns"
         file.refuse("deaggregation.no_bin", 0, what, "a row for each bin", "export the table again")
     names = [name.lower() for name in file.names]
-    if lacking := [name for name in _EDGES if name not in names]:
-        _refuse("deaggregation.columns_unknown", file.path, f"has no column {listed(lacking)}",
-            f"name the columns of a table of bins {', '.join(_EDGES)}")  # fmt: skip
-    contributions: dict[tuple[float, ...], float] = {}
-    for at, row in file.whole_rows(no_table):
-        cells = [row[names.index(name)] for name in _EDGES]
-        numbers = [float(cell) if is_numeral(cell) else math.nan for cell in cells]
-        ordered = numbers[0] < numbers[1] and numbers[2] < numbers[3]
-        if not (all(map(math.isfinite, numbers)) and numbers[-1] >= 0 and ordered):
-            file.refuse("deaggregation.bin_unreadable", at, f"not a bin: {shown(row)}",
-                f"numbers in {', '.join(_EDGES)}, low below high", "correct the table")  # fmt: skip
-        contributions[tuple(numbers[:4])] = contributions.get(tuple(numbers[:4]), 0.0) + numbers[4]
-    return [Bin((place[0], place[1]), (place[2], place[3]), share) for place, share in contributions.items()]
+    rows = _rows(file, names, _EDGES, "", f"name the columns of a table of bins {', '.join(_EDGES)}")
+    bins = pd.DataFrame({name: _numbers(rows[name]) for name in _EDGES})
+    ordered = (bins["magnitude_low"] < bins["magnitude_high"]) & (
+        bins["distance_low_km"] < bins["distance_high_km"]
+    )
+    usable = ordered & np.isfinite(bins).all(axis=1) & (bins["contribution"] >= 0)
+    if not usable.all():
+        at = usable.idxmin()
+        file.refuse("deaggregation.bin_unreadable", at, f"not a bin: {shown(rows.loc[at].tolist())}",
+            f"numbers in {', '.join(_EDGES)}, low below high", "correct the table")  # fmt: skip
+    return _added_up(bins)
 
 
-def _nshmp(file: Table) -> list[Bin]:
-    """Bins of nshmp-haz: r and m are centres, Σε is the contribution in per cent of the total."""
-    _, records = _records(file, {"r", "m", "Σε"}, "", "give data.csv as nshmp-haz wrote it, with r, m and Σε")
-    rows = [
-        [0.0 if row[name] == _TRACE else _number(where, row[name]) for name in ("r", "m", "Σε")]
-        for where, row in records
-    ]
-    distance_km, magnitude = _widths(file.path, [row[0] for row in rows], [row[1] for row in rows])
-    return [Bin(_around(m, magnitude), _around(r, distance_km), share) for r, m, share in rows]
+def _added_up(bins: pd.DataFrame, *, sort: bool = False) -> pd.DataFrame:
+    """Bins, each once, with the sum of its contributions in the order of the rows."""
+    together = bins.groupby([*_EDGES[:4]], sort=sort, as_index=False)
+    return together["contribution"].agg(lambda parts: sum(parts))
 
 
-def _records(file: Table, needed: set[str], lacks: str, remedy: str) -> tuple[list[str], list[_Record]]:
-    """Names in a table that a program wrote, and the whole rows below, with file and line of each."""
-    header = file.names
-    if not needed <= set(header):
-        _refuse("deaggregation.columns_unknown", file.path, f"has the columns {shown(header)}{lacks}", remedy)
+def _rows(file: Table, names: Sequence[str], needed: Sequence[str], lacks: str, remedy: str) -> pd.DataFrame:
+    """Cells of the whole rows below the names, as text; each row's index is the place of its line."""
+    if lacking := [name for name in needed if name not in names]:
+        _refuse("deaggregation.columns_unknown", file.path,
+            f"has the columns {shown(list(names))}, and no {listed(lacking)}{lacks}", remedy)  # fmt: skip
     rows = file.whole_rows(no_table)
-    return header, [(file.where(at), dict(zip(header, row, strict=True))) for at, row in rows]
+    cells = pd.DataFrame([row for _, row in rows], [at for at, _ in rows], [*names])
+    return cells.loc[:, ~cells.columns.duplicated(keep="last")]
 
 
-def _around(centre: float, width: float) -> tuple[float, float]:
-    """Edges about a centre, rounded: neighbours share an edge, and no record falls between two."""
-    return round(centre - width / 2, 6), round(centre + width / 2, 6)
+def _numbers(cells: pd.Series) -> pd.Series:
+    """Numbers of cells, NaN for what is none."""
+    return cells.map(lambda cell: float(cell) if is_numeral(cell) else math.nan).astype(float)
 
 
-def _number(where: str, text: str, most: float = math.inf, states: str = "no number of 0 and more:") -> float:
-    value = float(text) if is_numeral(text) else math.nan
-    if not (0 <= value <= most and value < math.inf):
-        _refuse("deaggregation.value_unreadable", where, f"states {states} {text[:40]!r}",
+def _checked(
+    file: Table, cells: pd.Series, most: float = math.inf, states: str = "no number of 0 and more:"
+) -> pd.Series:
+    """Numbers of cells, finite and from 0 to `most`."""
+    values = _numbers(cells)
+    wrong = ~(values.between(0.0, most) & (values < math.inf))
+    if wrong.any():
+        at = wrong.idxmax()
+        _refuse("deaggregation.value_unreadable", file.where(at), f"states {states} {cells[at][:40]!r}",
             "give the file as it was written")  # fmt: skip
-    return value
+    return values
 
 
-def _probability(where: str, text: str) -> float:
-    return _number(where, text, 1.0, "the probability")
+def _nshmp(file: Table) -> pd.DataFrame:
+    """Bins of nshmp-haz: r and m are centres, Σε is the contribution in per cent of the total."""
+    remedy = "give data.csv as nshmp-haz wrote it, with r, m and Σε"
+    rows = _rows(file, file.names, ("r", "m", "Σε"), "", remedy).replace(_TRACE, "0")
+    distance_km, magnitude, share = (_checked(file, rows[name]) for name in ("r", "m", "Σε"))
+    wide_km, wide = _widths(file.path, distance_km, magnitude)
+    edges = [
+        # Rounded: neighbours share an edge, and no record falls between two.
+        [round(centre + side * width / 2, 6) for centre in centres]
+        for centres, width in ((magnitude, wide), (distance_km, wide_km))
+        for side in (-1, 1)
+    ]
+    return pd.DataFrame(dict(zip(_EDGES, [*edges, share.tolist()], strict=True)))
 
 
 def nshmp_root(file: Path) -> Path | None:
@@ -133,31 +132,32 @@ def nshmp_root(file: Path) -> Path | None:
     return next((folder for folder in file.absolute().parents if (folder / "config.json").is_file()), None)
 
 
-def _widths(table: Path, distances_km: Sequence[float], magnitudes: Sequence[float]) -> tuple[float, float]:
+def _widths(table: Path, distances_km: pd.Series, magnitudes: pd.Series) -> tuple[float, ...]:
     """Widths of bins in km and in magnitude: as the summary beside the table says, or the configuration, or centres."""
     summary = table.with_name("summary.txt")
     if summary.is_file():
         stated = text_given(summary, no_table)
         found = [re.search(rf"\b{name}:\s+min = .*Δ = ([\d.]+)", stated) for name in ("r", "m")]
         if all(found):
-            return tuple(float(match[1]) for match in found if match)  # type: ignore[return-value]
+            return tuple(float(match[1]) for match in found if match)
     if folder := nshmp_root(table):
         with suppress(ValueError, KeyError, TypeError):
             bins = read_json(folder / "config.json")["deagg"]["bins"]
             return float(bins["Δr"]), float(bins["Δm"])
-    edges = [sorted(set(values)) for values in (distances_km, magnitudes)]
-    widths = [min((b - a for a, b in pairwise(known)), default=None) for known in edges]
-    if None in widths:
-        _refuse("deaggregation.bin_width_unknown", table,
-            "has one bin of distance or magnitude, and nothing that states how wide it is",
-            "keep summary.txt beside it")  # fmt: skip
-    for known, width in zip(edges, widths, strict=True):
-        steps = [(b - a) / (width or 1.0) for a, b in pairwise(known)]
-        if any(abs(step - round(step)) > min(_UNEVEN * step, _MOST_UNEVEN) for step in steps):
+    widths = []
+    for centres in map(np.unique, (distances_km, magnitudes)):
+        gaps = np.diff(centres)
+        if not len(gaps):
+            _refuse("deaggregation.bin_width_unknown", table,
+                "has one bin of distance or magnitude, and nothing that states how wide it is",
+                "keep summary.txt beside it")  # fmt: skip
+        steps = gaps / gaps.min()
+        if (np.abs(steps - steps.round()) > np.minimum(_UNEVEN * steps, _MOST_UNEVEN)).any():
             _refuse("deaggregation.bins_uneven", table,
-                f"has centres of bins that are not equally wide: {listed([f'{centre:g}' for centre in known])}",
+                f"has centres of bins that are not equally wide: {listed([f'{centre:g}' for centre in centres])}",
                 "give magnitude_low, magnitude_high, distance_low_km and distance_high_km")  # fmt: skip
-    return widths[0] or 0.0, widths[1] or 0.0
+        widths.append(float(gaps.min()))
+    return tuple(widths)
 
 
 def _openquake(file: Table, imt: str | None, poe: float | None) -> Deaggregation:
@@ -165,50 +165,48 @@ def _openquake(file: Table, imt: str | None, poe: float | None) -> Deaggregation
     table, stated = file.path, openquake_values(file.lines[0]) if file.lines[0].startswith("#") else {}
     lacks = ": a deaggregation over magnitude and distance is needed"
     remedy = "give Mag_Dist, as disagg_outputs = Mag_Dist writes it"
-    header, records = _records(file, {"imt", "poe", "mag", "dist"}, lacks, remedy)
+    rows = _rows(file, file.names, ("imt", "poe", "mag", "dist"), lacks, remedy)
     edges = [listed_numbers(stated.get(f"{name}_bin_edges", "")) for name in ("mag", "dist")]
     if not all(len(bin_edges) > 1 and all(a < b for a, b in pairwise(bin_edges)) for bin_edges in edges):
         what = "states no mag_bin_edges and dist_bin_edges in its first line"
         _refuse("deaggregation.edges_missing", table, what, "give the file as it was written")
-    chosen, of = _chosen(table, records, imt, poe, stated.get("investigation_time", ""))
-    weights = _weights(table, header, stated)
-    stays: dict[tuple[int, int], float] = {}
-    for where, record in chosen:
-        place = _place(where, record, edges)
-        p = math.fsum(weight * _probability(where, record[name]) for name, weight in weights.items())
-        stays[place] = stays.get(place, 0.0) - math.log1p(-min(p, 1 - 1e-15))
-    magnitudes, distances_km = (list(pairwise(bin_edges)) for bin_edges in edges)
-    return Deaggregation(
-        [Bin(magnitudes[m], distances_km[d], rate) for (m, d), rate in sorted(stays.items())], of
-    )
+    chosen, of = _chosen(file, rows, imt, poe, stated.get("investigation_time", ""))
+    places = [_places(file, chosen[name], known) for name, known in zip(("mag", "dist"), edges, strict=True)]
+    weighted = [
+        weight * _checked(file, chosen[name], 1.0, "the probability")
+        for name, weight in _weights(table, list(rows), stated).items()
+    ]
+    rates = [-math.log1p(-min(math.fsum(parts), 1 - 1e-15)) for parts in zip(*weighted, strict=True)]
+    ends = [
+        np.array(known)[place + side] for known, place in zip(edges, places, strict=True) for side in (0, 1)
+    ]
+    bins = pd.DataFrame(dict(zip(_EDGES, [*ends, rates], strict=True)))
+    return Deaggregation(_added_up(bins, sort=True), of)
 
 
 def _chosen(
-    table: Path, records: Sequence[_Record], imt: str | None, poe: float | None, years: str
-) -> tuple[list[_Record], str]:
+    file: Table, rows: pd.DataFrame, imt: str | None, poe: float | None, years: str
+) -> tuple[pd.DataFrame, str]:
     """Rows of one measure and probability, and which that is."""
-    imts = list(dict.fromkeys(record["imt"] for _, record in records))
+    imts = rows["imt"].unique().tolist()
     if imt is not None and imt not in imts:
-        _refuse("deaggregation.measure_not_there", table, f"is over {listed(imts)}, not over {imt}",
+        _refuse("deaggregation.measure_not_there", file.path, f"is over {listed(imts)}, not over {imt}",
             "give one of these as --imt")  # fmt: skip
     measure = imt or next(iter(imts), "")
-    of_measure = [
-        (_probability(where, record["poe"]), (where, record))
-        for where, record in records
-        if record["imt"] == measure
-    ]
-    poes = sorted({p for p, _ in of_measure})
+    of_measure = rows[rows["imt"] == measure]
+    stated = _checked(file, of_measure["poe"], 1.0, "the probability")
+    poes = sorted(stated.unique())
     known = [p for p in poes if poe is None or math.isclose(p, poe, rel_tol=1e-3)]
     if not known:
-        _refuse("deaggregation.probability_not_there", table,
+        _refuse("deaggregation.probability_not_there", file.path,
             f"has the probabilities {listed([f'{p:g}' for p in poes])}" if poes else "has no row",
             "give one of these as --poe")  # fmt: skip
-    rows = [record for p, record in of_measure if p == known[0]]
     others = [f"--imt {name}" for name in imts if name != measure]
     others += [f"--poe {p:g}" for p in poes if p != known[0]]
     more = f"; others with {listed(others)}" if others else ""
-    level = rows[0][1].get("iml", "?")
-    return rows, f"{measure} of {level}, probability {known[0]:g} in {years or '?'} years{more}"
+    chosen = of_measure[stated == known[0]]
+    level = chosen["iml"].iloc[0] if "iml" in chosen else "?"
+    return chosen, f"{measure} of {level}, probability {known[0]:g} in {years or '?'} years{more}"
 
 
 def _weights(table: Path, header: Sequence[str], stated: dict[str, str]) -> dict[str, float]:
@@ -226,17 +224,14 @@ def _weights(table: Path, header: Sequence[str], stated: dict[str, str]) -> dict
     return dict(zip(columns, weights, strict=True))
 
 
-def _place(where: str, record: dict[str, str], edges: Sequence[Sequence[float]]) -> tuple[int, int]:
-    """Numbers of the bins that a row's centres lie in."""
-    places = []
-    for name, known in zip(("mag", "dist"), edges, strict=True):
-        centre = float(record[name]) if is_numeral(record[name]) else math.nan
-        inside = [number for number, (low, high) in enumerate(pairwise(known)) if low <= centre <= high]
-        if not inside:
-            what = f"has the centre {record[name][:40]!r} of {name}, which is in none of its bins"
-            _refuse("deaggregation.place_off_bins", where, what, "give the file as it was written")
-        places.append(inside[0])
-    return places[0], places[1]
+def _places(file: Table, cells: pd.Series, edges: Sequence[float]) -> np.ndarray:
+    """Numbers of the bins that the centres of rows lie in."""
+    inside = pd.cut(_numbers(cells), edges, labels=False, include_lowest=True)
+    if inside.isna().any():
+        at = inside.isna().idxmax()
+        what = f"has the centre {cells[at][:40]!r} of {cells.name}, which is in none of its bins"
+        _refuse("deaggregation.place_off_bins", file.where(at), what, "give the file as it was written")
+    return inside.to_numpy(int)
 
 
 def _refuse(code: str, where: object, what: str, remedy: str) -> NoReturn:
@@ -294,14 +289,11 @@ def select(ensemble: Ensemble, choice: Choice) -> tuple[list[str], list[tuple[st
 
     Raises InputError if no record is.
     """
-    columns = [*_RANGES, "record_id", "event", "quality"]
-    rows = ensemble.catalog.select(columns).to_pylist()
+    fit = rows = ensemble.catalog.select([*_RANGES, "record_id", "event", "quality"]).to_pandas()
     left: list[tuple[str, int]] = []
-    fit = rows
-    for condition, narrow in _conditions(choice):
-        fit = narrow(fit)
+    for condition, fit in _narrowed(rows, choice):
         left.append((condition, len(fit)))
-        if not fit:
+        if fit.empty:
             steps = ", ".join(f"{condition}: {count} left" for condition, count in left)
             raise InputError(
                 "selection.none_left",
@@ -310,78 +302,51 @@ def select(ensemble: Ensemble, choice: Choice) -> tuple[list[str], list[tuple[st
                 expected="at least one",
                 remedy="widen the ranges; 'toppling records show' lists each record's numbers",
             )
-    chosen = {row["record_id"] for row in fit}
-    return [row["record_id"] for row in rows if row["record_id"] in chosen], left
+    return fit.sort_index()["record_id"].tolist(), left
 
 
-_Rows = list[dict[str, Any]]
-_Narrow = Callable[[_Rows], _Rows]
-
-
-def _conditions(choice: Choice) -> Iterator[tuple[str, _Narrow]]:
-    """Conditions that restrict the selection, in words and as what they leave of some rows."""
-
-    def where(holds: Callable[[dict[str, Any]], bool]) -> _Narrow:
-        return lambda rows: [row for row in rows if holds(row)]
-
-    def within(column: str, limits: tuple[float, float]) -> _Narrow:
-        return where(lambda row: row[column] is not None and limits[0] <= row[column] <= limits[1])
-
+def _narrowed(rows: pd.DataFrame, choice: Choice) -> Iterator[tuple[str, pd.DataFrame]]:
+    """Conditions that restrict the selection, in words, and the rows that each leaves of those before."""
     for column, (name, unit) in _RANGES.items():
         if limits := getattr(choice, column):
-            yield f"{name} {limits[0]:g} to {limits[1]:g}{unit}", within(column, limits)
+            rows = rows[rows[column].between(*limits)]
+            yield f"{name} {limits[0]:g} to {limits[1]:g}{unit}", rows
     if choice.quality:
-        yield f"quality {' or '.join(choice.quality)}", where(lambda row: row["quality"] in choice.quality)
+        rows = rows[rows["quality"].isin(choice.quality)]
+        yield f"quality {' or '.join(choice.quality)}", rows
     if choice.event is not None:
-        part = choice.event.lower()
-        yield f"event {choice.event!r}", where(lambda row: part in row["event"].lower())
-    if choice.most_per_event:
-        yield f"at most {choice.most_per_event} an event", lambda rows: _nearest(rows, choice.most_per_event)
-    if choice.count:
-        yield f"at most {choice.count}, spread over PGV/PGA", lambda rows: _spread(rows, choice.count)
-
-
-def _nearest(rows: _Rows, most: int) -> _Rows:
-    """At most so many of each event, the nearest to the source."""
-
-    def rank(row: dict[str, Any]) -> tuple[float, str]:
-        return math.inf if row["distance_km"] is None else row["distance_km"], row["record_id"]
-
-    taken: Counter[str] = Counter()
-    nearest = []
-    for row in sorted(rows, key=rank):
-        taken[row["event"]] += 1
-        if taken[row["event"]] <= most:
-            nearest.append(row)
-    return nearest
-
-
-def _spread(rows: _Rows, count: int) -> _Rows:
-    """`count` rows at even ranks of PGV/PGA, the shortest and the longest pulse among them."""
-    ranked = sorted(rows, key=lambda row: (row["pgv_pga_s"], row["record_id"]))
-    if count >= len(ranked):
-        return ranked
-    if count == 1:
-        return [ranked[len(ranked) // 2]]
-    return [ranked[round(place * (len(ranked) - 1) / (count - 1))] for place in range(count)]
+        rows = rows[rows["event"].str.lower().str.contains(choice.event.lower(), regex=False)]
+        yield f"event {choice.event!r}", rows
+    if most := choice.most_per_event:
+        rows = rows.sort_values(["distance_km", "record_id"]).groupby("event").head(most)
+        yield f"at most {most} an event", rows
+    if count := choice.count:
+        # At even ranks of PGV/PGA, the shortest and the longest pulse among them.
+        ranked, last = rows.sort_values(["pgv_pga_s", "record_id"]), len(rows) - 1
+        if count == 1:
+            rows = ranked.iloc[[len(rows) // 2]]
+        elif count <= last:
+            rows = ranked.iloc[[round(place * last / (count - 1)) for place in range(count)]]
+        yield f"at most {count}, spread over PGV/PGA", rows
 
 
 def hazard_weights(
-    ensemble: Ensemble, record_ids: Sequence[str], bins: Sequence[Bin]
-) -> tuple[dict[str, float], list[Bin]]:
+    ensemble: Ensemble, record_ids: Sequence[str], bins: pd.DataFrame
+) -> tuple[dict[str, float], pd.DataFrame]:
     """Weights by which records stand for a site's hazard: each bin's contribution shared by its records.
 
     Returns weights by record id, adding up to 1, 0 for a record in no bin; and the bins with a contribution and no
     record: hazard that the ensemble does not stand for.
     Raises InputError if no record lies in a bin with a contribution.
     """
-    rows = {
-        row["record_id"]: row
-        for row in ensemble.catalog.select(["record_id", "magnitude", "distance_km"]).to_pylist()
-    }
-    home = {name: _bin_of(rows[name]["magnitude"], rows[name]["distance_km"], bins) for name in record_ids}
-    count = Counter(home.values())
-    total = sum(b.contribution for b in bins if count[b])
+    catalog = ensemble.catalog.select(["record_id", "magnitude", "distance_km"]).to_pandas()
+    rows = catalog.set_index("record_id").loc[list(record_ids)].to_numpy(float)
+    edges = bins[[*_EDGES[:4]]].to_numpy(float)
+    inside = ((edges[:, ::2] <= rows[:, None]) & (rows[:, None] < edges[:, 1::2])).all(axis=2)
+    placed, home = inside.any(axis=1), inside.argmax(axis=1)
+    count = np.bincount(home[placed], minlength=len(bins))
+    contribution = bins["contribution"].to_numpy(float)
+    total = sum(contribution[count > 0].tolist())
     if not total > 0:
         raise InputError(
             "selection.no_bin_filled",
@@ -390,12 +355,5 @@ def hazard_weights(
             expected="records of the magnitudes and distances of the deaggregation",
             remedy="add such records, or check the units of the table (km)",
         )
-    weights = {name: b.contribution / count[b] / total if b is not None else 0.0 for name, b in home.items()}
-    return weights, [b for b in bins if b.contribution > 0 and not count[b]]
-
-
-def _bin_of(magnitude: float | None, distance_km: float | None, bins: Sequence[Bin]) -> Bin | None:
-    if magnitude is None or distance_km is None:
-        return None
-    of_magnitude = (b for b in bins if b.magnitude[0] <= magnitude < b.magnitude[1])
-    return next((b for b in of_magnitude if b.distance_km[0] <= distance_km < b.distance_km[1]), None)
+    weight = np.where(placed, contribution[home] / np.maximum(count, 1)[home] / total, 0.0)
+    return dict(zip(record_ids, weight.tolist(), strict=True)), bins[(contribution > 0) & (count == 0)]

@@ -107,11 +107,11 @@ def _hazard_weights(ensemble: "Ensemble", names: list[str], hazard: "Deaggregati
     if hazard.of:
         click.echo(f"weighted for {hazard.of}")
     weights, empty = hazard_weights(ensemble, names, hazard.bins)
-    empty.sort(key=lambda b: -b.contribution)
-    for b in empty[:MOST_SHOWN]:
-        click.echo(f"no record for magnitude {b.magnitude}, distance {b.distance_km} km", err=True)
-    if empty:
-        share = sum(b.contribution for b in empty) / sum(b.contribution for b in hazard.bins)
+    for b in empty.sort_values("contribution", ascending=False, kind="stable")[:MOST_SHOWN].itertuples():
+        magnitude, distance_km = (b.magnitude_low, b.magnitude_high), (b.distance_low_km, b.distance_high_km)
+        click.echo(f"no record for magnitude {magnitude}, distance {distance_km} km", err=True)
+    if len(empty):
+        share = empty["contribution"].sum() / hazard.bins["contribution"].sum()
         more = f"and {len(empty) - MOST_SHOWN} more bins: " if len(empty) > MOST_SHOWN else ""
         click.echo(f"{more}{100 * share:.3g} % of the hazard has no record", err=True)
     return weights

@@ -27,7 +27,6 @@ from scipy.special import logsumexp, ndtr, ndtri
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.files.documents import finite
-from toppling.models.motions.selection import Bin
 from toppling.results.analysis.lognormal import Lognormal, ends
 from toppling.results.hazard.events import Standing
 from toppling.results.hazard.gmm import GroundMotionModel, single_station_parts
@@ -248,20 +247,21 @@ def _last_allowed(along: Array, beyond: Array) -> Array:
 
 
 def excluded_bins(
-    bins: Sequence[Bin], models: Sequence[GroundMotionModel], grid: MotionGrid, fragility: Lognormal,
+    bins: pd.DataFrame, models: Sequence[GroundMotionModel], grid: MotionGrid, fragility: Lognormal,
     occurrences: Sequence[Occurrence],
 ) -> pd.DataFrame:  # fmt: skip
     """Toppling probability and exclusion of the earthquake at the centre of each contributing deaggregation bin.
 
+    bins: as in `Deaggregation`.
     models, grid: ground-motion models, and their grid with its weights.
     Returns DataFrame: one row per occurrence and bin: occurrence, magnitude, distance_km (centres), share (fraction of
     the deaggregated hazard), topples (probability that one such earthquake topples the rock), excluded, beyond_models
     (whether it was clipped to the models' range). The largest contribution first.
     """
-    known = [bin_ for bin_ in bins if bin_.contribution > 0]
-    magnitude = np.array([math.fsum(bin_.magnitude) / 2 for bin_ in known])
-    distance = np.array([math.fsum(bin_.distance_km) / 2 for bin_ in known])
-    share = np.array([bin_.contribution for bin_ in known])
+    known = bins[bins["contribution"] > 0]
+    magnitude = (known["magnitude_low"] + known["magnitude_high"]).to_numpy() / 2
+    distance = (known["distance_low_km"] + known["distance_high_km"]).to_numpy() / 2
+    share = known["contribution"].to_numpy()
     within = [
         (np.clip(magnitude, *model.magnitudes), np.clip(distance, *model.distances_km)) for model in models
     ]

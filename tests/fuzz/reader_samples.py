@@ -329,7 +329,7 @@ READERS: dict[str, Reader] = {
     "metadata table": _of_file("table.csv", TABLE, lambda path: [e.time_step_s for e in read_table(path)]),
     **{
         f"deaggregation{of}": _of_file(
-            "bins.csv", text, lambda path: [b.contribution for b in read_deaggregation(path).bins]
+            "bins.csv", text, lambda path: read_deaggregation(path).bins["contribution"].tolist()
         )
         for of, text in (
             ("", DEAGGREGATION),

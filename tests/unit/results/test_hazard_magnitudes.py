@@ -7,6 +7,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from click.testing import CliRunner
 from hypothesis import given, settings
@@ -14,7 +15,6 @@ from hypothesis import strategies as st
 from refusals import refused
 from scipy.stats import norm
 
-from toppling.models.motions.selection import Bin
 from toppling.orchestrator.cli import cli
 from toppling.results.analysis.exchange import write_curves
 from toppling.results.analysis.lognormal import Lognormal
@@ -223,8 +223,8 @@ def test_a_file_that_holds_no_traces_is_refused(tmp_path, text, what):
 
 
 def test_bins_of_a_deaggregation_are_excluded_where_their_earthquake_topples_the_rock():
-    near = 0.0, 10.0
-    bins = [Bin((6.9, 7.1), near, 3.0), Bin((4.9, 5.1), near, 1.0), Bin((8.4, 8.6), near, 0.0)]
+    bins = pd.DataFrame({"magnitude_low": [6.9, 4.9, 8.4], "magnitude_high": [7.1, 5.1, 8.6],
+        "distance_low_km": 0.0, "distance_high_km": 10.0, "contribution": [3.0, 1.0, 0.0]})  # fmt: skip
     # Medians of exp(-0.1) and exp(-2.3) at 5 km, but for 1.3 ln 2: 3.6 and 0 standard deviations above the rock's.
     rock = Lognormal("pgv_m_s", math.exp(-3.2 + 1.3 * math.log(2)), 0.1)
     table = excluded_bins(bins, [Simple()], GRID, rock, [event_count(0.95)])

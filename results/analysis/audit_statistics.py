@@ -23,7 +23,7 @@ from toppling.models.files.digest import read_json
 from toppling.models.files.documents import finite
 from toppling.results.analysis.fits import answered
 from toppling.results.analysis.fragility import by_contact
-from toppling.results.analysis.lognormal import fit, probit_weights
+from toppling.results.analysis.lognormal import fit, probit_weights, scored
 from toppling.results.reader import Run, as_frame
 from toppling.results.run_integrity import AUDIT_FOLDER, DRAWN_FILE, LEAST_JOBS, REFERENCE, check_audit
 from toppling.results.store import newest_rows, read_steady, result_files
@@ -220,11 +220,6 @@ class _Fragility:
             np.array(found.coefficients),
         )
 
-    def _score_factor(self, coefficients: Array) -> tuple[Array, Array]:
-        """Weights (n,) of each job's answer in the score and of its design row in the Fisher information."""
-        of_score, of_information = probit_weights(self.design @ coefficients)
-        return self.weight * of_score, self.weight * of_information
-
     @property
     def plausible(self) -> Array:
         """Variance p (1 - p) of each answer: certain answers do not flip."""
@@ -234,30 +229,19 @@ class _Fragility:
     @property
     def influence(self) -> Array:
         """Shift (n,) of the median's logarithm by each answer that is toppled here and standing when repeated."""
-        factor, information = self._score_factor(self.coefficients)
-        fisher = (self.design * information[:, None]).T @ self.design
+        of_score, of_information = probit_weights(self.design @ self.coefficients)
+        fisher = (self.design * (self.weight * of_information)[:, None]).T @ self.design
         intercept, slope = self.coefficients
         gradient = np.array([-1.0 / slope, intercept / slope**2])
-        return (self.design @ np.linalg.solve(fisher, gradient)) * factor
+        return (self.design @ np.linalg.solve(fisher, gradient)) * self.weight * of_score
 
     def log_shift(self, difference: Array) -> float:
-        """Logarithm of the ratio of the median to the median of answers minus `difference`, by Fisher scoring."""
-        answers, coefficients = self.toppled - difference, self.coefficients
-        for _ in range(100):
-            factor, information = self._score_factor(coefficients)
-            probability = ndtr(self.design @ coefficients)
-            fisher = (self.design * information[:, None]).T @ self.design
-            try:
-                step = np.linalg.solve(fisher, self.design.T @ (factor * (answers - probability)))
-            except np.linalg.LinAlgError:  # scoring diverged: fall back to first order
-                return float(self.influence @ difference)
-            # Where answers contradict a probability of nearly 0 or 1, a full step would overflow.
-            coefficients = coefficients + step / max(1.0, float(np.abs(self.design @ step).max()))
-            if np.abs(step).max() < 1e-9 * np.abs(coefficients).max():
-                break
-        if not np.isfinite(coefficients).all() or coefficients[1] <= 0:
+        """Logarithm of the ratio of the median to the median of answers minus `difference`."""
+        answers = self.toppled - difference
+        (other,) = scored(self.design, answers, self.weight[None], self.coefficients)
+        (intercept, slope), (other_intercept, other_slope) = self.coefficients, other
+        if not other_slope > 0:  # scoring diverged: to first order
             return float(self.influence @ difference)
-        (intercept, slope), (other_intercept, other_slope) = self.coefficients, coefficients
         return float(other_intercept / other_slope - intercept / slope)
 
 

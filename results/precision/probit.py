@@ -13,15 +13,19 @@ from dataclasses import dataclass, field
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy.optimize import minimize
 from scipy.special import fdtrc, log_ndtr, ndtr, stdtrit
 
 from toppling.models.arrays import Array, effective_number
 from toppling.results.analysis import FEW
-from toppling.results.analysis.lognormal import LOG_ROOT_2_PI, STEPS, TOLERANCE, probit_weights
+from toppling.results.analysis.lognormal import LOG_ROOT_2_PI, probit_weights
 from toppling.results.analysis.resampling import bases_of
 
 _DIFFERENCE = 1e-4
 """Step of numerical derivatives, as a fraction of a coefficient's standard error."""
+
+_LEAST_SLOPE = 1e-9
+"""Slope, in standard deviations of the logarithms, of a curve that does not rise with its measure."""
 
 _SCATTERED = 20
 """Number of records or earthquakes below which the test of their scatter rejects too often."""
@@ -158,45 +162,25 @@ def fit_curve(answers: Answers) -> Curve:
 
 
 def _maximise(design: Array, answers: Answers) -> Array:
-    """Coefficients, with a positive slope, that maximise likelihood times Jeffreys' prior, by damped scoring."""
-    found = np.array([0.0, 1.0])
-    value = _penalised(design, answers, found)
-    for _ in range(STEPS):
-        eta = design @ found
-        information, score, _ = _terms(design, answers, eta)
+    """Coefficients, with a positive slope, that maximise likelihood times Jeffreys' prior."""
+
+    def against(coefficients: Array) -> tuple[float, Array]:
+        """Negative logarithm of what is maximised, and its gradient."""
+        eta = design @ coefficients
+        information, score, log_likelihood = _terms(design, answers, eta)
         total = information.sum(axis=0)
-        step = np.linalg.solve(total, score.sum(axis=0) + _prior_slope(design, answers, found))
-        size = 1.0
-        while size > TOLERANCE:
-            tried = found + size * step
-            if tried[1] > 0.0 and (better := _penalised(design, answers, tried)) >= value:
-                break
-            size *= 0.5
-        else:
-            return found
-        found, value = tried, better
-        if np.abs(size * step).max() < TOLERANCE * (1.0 + np.abs(found).max()):
-            return found
-    return found
+        sign, log_det = np.linalg.slogdet(total)
+        if sign <= 0:
+            return math.inf, np.zeros(2)
+        leverage = np.einsum("nij,ji->n", information, np.linalg.inv(total))
+        log_density = -0.5 * eta**2 - LOG_ROOT_2_PI
+        bend = np.exp(log_density - log_ndtr(-eta)) - np.exp(log_density - log_ndtr(eta)) - 2.0 * eta
+        gradient = score.sum(axis=0) + 0.5 * (leverage * bend) @ design
+        return -log_likelihood - 0.5 * float(log_det), -gradient
 
-
-def _penalised(design: Array, answers: Answers, coefficients: Array) -> float:
-    eta = design @ coefficients
-    information, _, log_likelihood = _terms(design, answers, eta)
-    sign, log_det = np.linalg.slogdet(information.sum(axis=0))
-    return log_likelihood + 0.5 * float(log_det) if sign > 0 else -math.inf
-
-
-def _prior_slope(design: Array, answers: Answers, coefficients: Array) -> Array:
-    """Gradient of half the logarithm of the information's determinant, by central differences."""
-
-    def log_det(at: Array) -> float:
-        information = (answers.weight * probit_weights(design @ at)[1] * design.T) @ design
-        return 0.5 * float(np.linalg.slogdet(information)[1])
-
-    shifts = _DIFFERENCE * np.eye(2)
-    ends = [(log_det(coefficients + shift), log_det(coefficients - shift)) for shift in shifts]
-    return np.array([(high - low) / (2.0 * _DIFFERENCE) for high, low in ends])
+    limits = [(None, None), (_LEAST_SLOPE, None)]
+    exact = {"ftol": 1e-13, "gtol": 1e-7}
+    return np.asarray(minimize(against, [0.0, 1.0], jac=True, bounds=limits, options=exact).x)
 
 
 def _terms(design: Array, answers: Answers, eta: Array) -> tuple[Array, Array, float]:

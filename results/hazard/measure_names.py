@@ -9,17 +9,8 @@ from toppling.models.motions.measures import OPENQUAKE, STANDARD_G_M_S2
 
 _NUMBER_S = r"(\d+(?:\.\d*)?|\.\d+)"
 _SECONDS = r"(?:SECONDS?|SECS?|S)"
-_SA = re.compile(
-    rf"SA[ _]?\(?(?:T ?= ?)?{_NUMBER_S} ?(?P<hz>HZ)?{_SECONDS}?\)?|"
-    rf"(?:T ?= ?)?{_NUMBER_S}[ -]?(?:{_SECONDS}|(?P<hertz>HZ)) SA|SA(\d+)P(\d+)"
-)
-"""Pattern of a spectral acceleration at a period or a frequency, in capitals."""
-_WORDS = (
-    (re.compile(r"PEAK (?:GROUND |HORIZONTAL )?ACCELERATION|^A_?G$"), "PGA"),
-    (re.compile(r"PEAK (?:GROUND |HORIZONTAL )?VELOCITY"), "PGV"),
-    (re.compile(r"\b(?:PSEUDO[- ])?SPECTRAL ACCELERATION|\bPSA\b"), "SA"),
-)
-"""Patterns of words for measures, in capitals, and the measures' abbreviations."""
+_SA = re.compile(rf"SA[ _]?\(?{_NUMBER_S} ?{_SECONDS}?\)?|SA(\d+)P(\d+)")
+"""Pattern of a spectral acceleration at a period, in capitals."""
 _SA_COLUMN = re.compile(r"sa_(\d+(?:\.\d+)?)s_m_s2")
 UNSCALED = ("arias_m_s", "cav_m_s")
 """Measures that already combine both horizontal components, so that no ratio of components applies."""
@@ -51,16 +42,11 @@ def measure_of(imt: str) -> tuple[str, float] | None:
     Both give accelerations in g and velocity in cm/s. None for a measure without a column.
     """
     imt = " ".join(imt.strip()[:LONGEST_NAME].upper().split())
-    for words, short in _WORDS:
-        imt = words.sub(short, imt)
     for column, (name, per_si) in OPENQUAKE.items():
         if imt == name:
             return column, 1.0 / per_si
     if found := _SA.fullmatch(imt):
-        stated = float(found[1] or found[3] or f"{found[5]}.{found[6]}")
-        if found["hz"] or found["hertz"]:
-            stated = 1.0 / stated if stated else 0.0
-        return f"sa_{stated:g}s_m_s2", STANDARD_G_M_S2
+        return f"sa_{float(found[1] or f'{found[2]}.{found[3]}'):g}s_m_s2", STANDARD_G_M_S2
     return None
 
 

@@ -6,7 +6,7 @@ from types import ModuleType
 
 from toppling.models.errors import InputError
 from toppling.models.files.given import HEAD_BYTES, bytes_given, open_given, other_kind, text_of
-from toppling.results.hazard.readers import cybershake, nshmp, openquake_curves, opensha, text_columns
+from toppling.results.hazard.readers import nshmp, openquake_curves, opensha, text_columns
 from toppling.results.hazard.readers.assembly import (
     HEAD_LINES,
     HazardFile,
@@ -27,7 +27,7 @@ _MOST_FILES = 20_000
 
 _DIALECTS: dict[str, tuple[ModuleType, ...]] = {
     "json": (nshmp,),
-    "text": (opensha, cybershake, openquake_curves, nshmp, text_columns),
+    "text": (opensha, openquake_curves, nshmp, text_columns),
 }
 """Modules by the kind of file, in the order in which they are asked `matches(file)`; `read(file)` states what is
 in one. The last of a kind says what is wrong with a file that nobody recognises."""

@@ -8,7 +8,6 @@ from numpy.typing import ArrayLike
 
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
-from toppling.models.files.given import LONGEST_NAME
 
 STANDARD_GRAVITY_M_S2 = 9.81
 """Default gravity of a scene, m/s²."""
@@ -146,39 +145,23 @@ def quadrant_of(azimuth_deg: float) -> str:
     return f"{'S' if 90 < bearing < 270 else 'N'}{away}{'E' if bearing < 180 else 'W'}"
 
 
-_PARTS = re.compile(
-    r"(?P<before>[NSEW]?)\s*(?P<sign>[-+\u2212]?)\s*(?P<degrees>\d{1,3}(?:[.,]\d+)?)\s*(?:°|º|deg\.?|d)?"
-    r"(?:[\s:]*(?<![\d.,])(?P<minutes>\d{1,2}(?:[.,]\d+)?)\s*(?:['\u2032\u2019m])?)?"
-    r"(?:[\s:]*(?<![\d.,])(?P<seconds>\d{1,2}(?:[.,]\d+)?)\s*(?:[\"\u2033\u201ds]|'')?)?\s*(?P<after>[NSEW]?)",
-    re.IGNORECASE,
-)
+_DEGREES = re.compile(r"(-?\d{1,3}(?:\.\d+)?)\s*([NSEW]?)", re.IGNORECASE)
 _LETTERS = {"longitude": "EW", "latitude": "NS"}
 
 
 def degrees_of(text: str, axis: str) -> float | None:
     """Parse degrees east or north; None if the text is invalid, or of the other axis.
 
-    text: a number (`-118.92`, `-118,92`), one with a compass letter (`118.92W`, `N 34.08`), or with minutes and seconds
-    (`118°55'12"W`, `118 55 12 W`).
+    text: a number (`-118.92`), or one with a compass letter (`118.92W`, `34.08 N`).
     axis: `longitude` or `latitude`.
 
     Examples
     --------
-    >>> [degrees_of(text, "longitude") for text in ("-118.92", "118.92 W", "118°55'12\\"W", "34.08N", "11855")]
-    [-118.92, -118.92, -118.92, None, None]
+    >>> [degrees_of(text, "longitude") for text in ("-118.92", "118.92 W", "34.08N", "11855")]
+    [-118.92, -118.92, None, None]
     """
-    match = _PARTS.fullmatch(" ".join(text.split())[:LONGEST_NAME])
-    if match is None:
+    match = _DEGREES.fullmatch(text.strip())
+    letter = match[2].upper() if match else ""
+    if match is None or (letter and (letter not in _LETTERS[axis] or match[1].startswith("-"))):
         return None
-    letter = (match["before"] or match["after"]).upper()
-    if (match["before"] and match["after"]) or (letter and (letter not in _LETTERS[axis] or match["sign"])):
-        return None
-    if match["minutes"] and re.search("[.,]", match["degrees"]):
-        return None
-    degrees, minutes, seconds = (
-        float((match[part] or "0").replace(",", ".")) for part in ("degrees", "minutes", "seconds")
-    )
-    if minutes >= 60 or seconds >= 60:
-        return None
-    size = round(degrees + minutes / 60 + seconds / 3600, 9)
-    return -size if letter in ("W", "S") or match["sign"] in ("-", "\u2212") else size
+    return float(match[1]) * (-1.0 if letter in ("W", "S") else 1.0)

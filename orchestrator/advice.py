@@ -24,8 +24,6 @@ _G_AT_MOST = 1.5
 """Level below which all levels are more likely in g than in m/s²."""
 REALISATIONS = 25
 """Recommended number of realisations of a rock with drawn bases: the nominal base and enough others for a spread."""
-_ROUNDED = 0.01
-"""Tolerance for recognising multiples of pi/4 printed with two decimals, in eighths of a turn."""
 HARDLY_FRACTION = 0.05
 """Maximum fraction toppled at the lowest level for levels to cover the transition."""
 MOSTLY_FRACTION = 0.5
@@ -56,13 +54,6 @@ def warnings_of(campaign: Campaign, scene: Scene) -> list[str]:
             found.append(
                 f"friction {static:g} is above {_LARGEST_FRICTION:g}{angle if 10 <= static < 80 else usual}"
             )
-    turns = [azimuth / (math.pi / 4) for azimuth in campaign.azimuth_deg if azimuth]
-    in_eighths = all(abs(turn - round(turn)) < _ROUNDED for turn in turns)
-    if turns and len(campaign.azimuth_deg) > 1 and max(turns) <= 8 and in_eighths:
-        found.append(
-            f"the azimuths are eighths of a turn in radians up to {max(campaign.azimuth_deg):g}: "
-            "'azimuth_deg' is in degrees"
-        )
     if scene.unseen is not None and campaign.first_realisation == 0 and campaign.realisations == 1:
         found.append(
             f"only one of the rock's possible bases is shaken, but the base is hidden; {_width_sentence(scene)}"

@@ -29,15 +29,6 @@ _AS_RECORDED = "recorded"
 
 LARGEST_PGA_M_S2 = 100.0
 """Maximum level, m/s²: twice the strongest recorded ground acceleration; more indicates wrong units."""
-_OTHER_LEVELS = {
-    "pga_g": "give pga_m_s2 in m/s2: 0.3 g is 2.94",
-    **dict.fromkeys(("gravity", "gravity_m_s2"), "gravity is the scene's: give it where the scene is made"),
-    **dict.fromkeys(
-        (name for name in LEVEL_MEASURES if name != "pga_m_s2"),
-        "records are scaled to levels of PGA, pga_m_s2; 'toppling fragility RUN --fit' has curves over others",
-    ),
-}
-"""Remedies for keys of levels in other measures or units."""
 _FINEST = 0.005
 """Minimum of `precision`, a half width relative to the target."""
 _COARSEST = 0.5
@@ -299,7 +290,7 @@ class Campaign:
         if {"scenes", "sites"} & set(content):
             read = cls(**_of_many(content, folder, where))
         else:
-            values = read_keys(KEYS, content, where, folder, instead=_OTHER_LEVELS)
+            values = read_keys(KEYS, content, where, folder)
             del values["scenes"]
             read = cls(**values)
         _check_together(read, f"{where}: engine", f"{where}: precision", f"{where}: target")
@@ -362,7 +353,7 @@ def _of_many(content: Mapping[str, Any], folder: Path, where: str) -> dict[str, 
         )
     keys = [dataclasses.replace(key, default=None) if key.name == "scene" else key for key in KEYS]
     own = {"ensemble": "."} if "ensemble" not in content else {}
-    values = read_keys(keys, own | dict(content), where, folder, instead=_OTHER_LEVELS)
+    values = read_keys(keys, own | dict(content), where, folder)
     found = scenes_matching(values.pop("scenes"), Place(f"{where}: scenes", folder))
     sites = joined(values["sites"], found, where)
     if own and (

@@ -67,22 +67,16 @@ class Key:
 
 
 def read_keys(
-    keys: Sequence[Key],
-    content: Mapping[str, Any],
-    where: str,
-    folder: Path,
-    joint: str = ": ",
-    instead: Mapping[str, str] | None = None,
+    keys: Sequence[Key], content: Mapping[str, Any], where: str, folder: Path, joint: str = ": "
 ) -> dict[str, Any]:
     """Read the values of all keys, with defaults for keys that the content lacks.
 
-    instead: remedies for unsupported keys that users may expect.
     Raises InputError if a key is unknown or missing, or a value is out of its range.
     """
     known = {key.name: key for key in keys}
     content = {name: value for name, value in content.items() if value is not None or name not in known}
     if unknown := [name for name in content if name not in known]:
-        remedy = (instead or {}).get(unknown[0]) or did_you_mean(unknown[0], known, "correct or remove it")
+        remedy = did_you_mean(unknown[0], known, "correct or remove it")
         raise Place(where).wrong(
             "campaign.key_unknown", f"unknown key {shown(unknown[0])}", f"keys: {', '.join(known)}", remedy
         )

@@ -14,20 +14,16 @@ from typing import Any
 from toppling.models.errors import InputError, refusals
 from toppling.models.files import documents
 from toppling.models.files.folder import rock_name
-from toppling.models.files.table import Table, plain
-from toppling.models.frames import degrees_of
+from toppling.models.files.table import Table, is_numeral, plain
 from toppling.models.motions.ensemble import CATALOG, Ensemble
 from toppling.models.motions.record import Record
 from toppling.orchestrator.keys import Key, Place, number, path, read_keys
-from toppling.results.hazard.ages import parse_age, unit_years
+from toppling.results.hazard.ages import parse_age
 
 _SCENE_FILE = "scene.json"
 _NAME = re.compile(r"[^\W_][\w .+\-'\u2019(),&#]{0,99}")
-_REMARKS = {"comment", "comments", "note", "notes", "remark", "remarks", "description", "reference", "photo"}
-"""Names of columns that are ignored, as remarks for readers."""
-_PLACE = ("longitude", "latitude")
-_SHORT = {"lon": "longitude", "long": "longitude", "lat": "latitude"}
-"""Abbreviated names of columns."""
+_NUMBERS = ("longitude", "latitude", "friction")
+"""Columns of numbers."""
 
 
 def _name(given: Any, place: Place) -> str:
@@ -108,11 +104,9 @@ def read_sites(given: Path) -> tuple[Site, ...]:
 
 def _rows(given: Path) -> Iterator[dict[str, Any]]:
     table = Table.read(given, _no_rocks)
-    written = [name.casefold() for name in table.names]
-    units = [name.replace("age", "") if "age" in name and unit_years(name) else "" for name in written]
-    names = ["age" if unit else _SHORT.get(name, name) for name, unit in zip(written, units, strict=True)]
+    names = [name.casefold() for name in table.names]
     if "scene" not in names:
-        header = documents.shown(", ".join(written))
+        header = documents.shown(", ".join(names))
         raise Place(str(given)).wrong(
             "rocks.no_scene_column",
             f"no column 'scene' in its first line, {header}",
@@ -127,21 +121,11 @@ def _rows(given: Path) -> Iterator[dict[str, Any]]:
             "remove one",
         )
     for _, row in table.whole_rows(_no_rocks):
-        cells = zip(names, row, units, strict=True)
+        cells = {name: cell for name, cell in zip(names, row, strict=True) if cell}
         yield {
-            name: _of_cell(name, cell, unit) for name, cell, unit in cells if cell and name not in _REMARKS
+            name: float(cell) if name in _NUMBERS and is_numeral(cell) else cell
+            for name, cell in cells.items()
         }
-
-
-def _of_cell(name: str, text: str, unit: str) -> Any:
-    if unit and not text[-1].isalpha():
-        return f"{text} {unit.strip(' _()[]')}"
-    if name in _PLACE:
-        return text if (degrees := degrees_of(text, name)) is None else degrees
-    try:
-        return float(text) if name == "friction" else text
-    except ValueError:
-        return text
 
 
 def _site(row: Mapping[str, Any], where: str, folder: Path) -> Site:

@@ -68,12 +68,12 @@ class Since:
     factor: float = math.inf  # earlier medians over today's; infinite for a rock that could not topple
 
 
-def unit_years(name: str) -> float | None:
+def _unit_years(name: str) -> float | None:
     """Years per unit of a column of ages, from its name (`years`, `age (ka)`); None without a unit.
 
     Examples
     --------
-    >>> [unit_years(name) for name in ("Age [ka]", "age_yr", "year", "site")]
+    >>> [_unit_years(name) for name in ("Age [ka]", "age_yr", "year", "site")]
     [1000.0, 1.0, None, None]
     """
     if name.strip().lower() == "year":  # a calendar year
@@ -271,7 +271,7 @@ def _read_ages(path: Path) -> tuple[Array, Array]:
     table = Table.read(path, _file_error)
     names, rows = table.names, [row for _, row in table.whole_rows(_file_error)]
     del table
-    unit = unit_years(names[0]) if names else None
+    unit = _unit_years(names[0]) if names else None
     if unit is None:
         raise _file_error("age.no_header", f"the first line, {','.join(names)!r}, is no header", path)
     if [name.lower() for name in names[1:]] not in ([], ["weight"], ["probability"]):

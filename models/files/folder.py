@@ -4,12 +4,10 @@ import errno
 import os
 import re
 import shutil
-import unicodedata
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote
 
 from toppling.models.errors import InputError
 
@@ -22,22 +20,14 @@ _SCHEMES = (
     "s3[an]?|gs|gcs|az|abfs|abfss|adl|wasb|wasbs|r2|oss|dbfs|hdfs|webhdfs|https?|ftp|sftp|ssh|smb|file|memory"
 )
 _REMOTE = re.compile(rf"(?:^[a-z][a-z0-9+.-]+|(?:^|/)(?:{_SCHEMES})):/", re.IGNORECASE)
-_HERE = re.compile(r"(?:file|local)://(?:localhost)?(?=/)", re.IGNORECASE)
 
 
 def local(path: str | os.PathLike[str]) -> Path:
     """A path, if it is one of a file system: an address of an object store would become a folder of that name here.
 
     Raises InputError if it is an address of elsewhere.
-
-    Examples
-    --------
-    >>> str(local("file:///tmp/a%20run")), str(local("runs/first"))
-    ('/tmp/a run', 'runs/first')
     """
     text = os.fspath(path)
-    if here := _HERE.match(text):
-        return Path(unquote(text[here.end() :]))
     if found := _REMOTE.search(text):
         raise InputError(
             "file.is_address",
@@ -53,20 +43,8 @@ def local(path: str | os.PathLike[str]) -> Path:
 def path_named_in(folder: Path, text: str) -> Path:
     """Path that a file in a folder names; one of Windows, parted by backslashes, is read where only so it is there."""
     path = Path.home() / text[2:] if text.startswith("~/") else folder / text
-    return _spelled(
-        folder / text.replace("\\", "/") if "\\" in text and not os.access(path, os.F_OK) else path
-    )
-
-
-def _spelled(path: Path) -> Path:
-    """The path as it is on disk, where letters and their accents may be apart, as macOS writes them."""
-    if str(path).isascii() or os.access(path, os.F_OK):  # false where a name is too long, too
-        return path
-    folder, asked = _spelled(path.parent), unicodedata.normalize("NFC", path.name)
-    there = folder.iterdir() if folder.is_dir() else ()
-    return next(
-        (file for file in there if unicodedata.normalize("NFC", file.name) == asked), folder / path.name
-    )
+    windows = "\\" in text and not os.access(path, os.F_OK)
+    return folder / text.replace("\\", "/") if windows else path
 
 
 _KINDS = {"scene.json": "a scene", "catalog.parquet": "an ensemble", "run.json": "a run"}

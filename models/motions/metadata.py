@@ -54,8 +54,6 @@ _UNKNOWN_NUMBERS = {"-99", "-999", "-9999", "-12345"}
 _MAGNITUDES, _DISTANCES_KM = (-2.0, 10.0), (0.0, 20_100.0)
 """Ranges of magnitudes of earthquakes, and of distances on the globe."""
 _AZIMUTHS, _CORNERS_HZ = (-360.0, 360.0), (1e-4, 100.0)
-_AROUND = re.compile(r"^M[A-Za-z]{0,2}\s*=?\s*(?=\d)|(?<!\s)\s*km$")
-"""Words beside a magnitude or a distance: Mw 6.9, 12 km."""
 _NO_PEAKS = (None, None, None)
 _SAME_UNIT = 1e-3
 """Share by which two statements of one unit differ at most: g is 9.81 or 980 gal to some."""
@@ -219,10 +217,8 @@ class _Row:
     def number(self, key: str, limits: tuple[float, float] = (-1e9, 1e9)) -> float | None:
         if not (bare := self.cells[key]):
             return None
-        if key in _OFTEN_UNKNOWN:
-            bare = _AROUND.sub("", bare)
-            if bare.lower() in _UNKNOWN or bare.partition(".")[0] in _UNKNOWN_NUMBERS:
-                return None
+        if key in _OFTEN_UNKNOWN and (bare.lower() in _UNKNOWN or bare.partition(".")[0] in _UNKNOWN_NUMBERS):
+            return None
         value = float(bare) if is_numeral(bare) else math.nan
         if not limits[0] <= value <= limits[1]:
             expected = f"a number from {limits[0]:g} to {limits[1]:g}, or nothing"

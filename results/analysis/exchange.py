@@ -29,9 +29,9 @@ from toppling.models.files.documents import json_of, xml_of
 from toppling.models.files.folder import instead, write_text
 from toppling.models.files.given import text_given
 from toppling.models.files.table import Table, plain
-from toppling.models.motions.measures import OPENQUAKE
+from toppling.models.motions.measures import MEASURES, OPENQUAKE
 from toppling.results.analysis.lognormal import Basis, Lognormal, Resampled, Surface
-from toppling.results.hazard.measure_names import imt_of, is_spectral, measure_of, measure_with_unit
+from toppling.results.hazard.measure_names import imt_of, is_spectral, measure_of
 
 _SPACE = "http://openquake.org/xmlns/nrml/0.5"
 _FIELDS = ("measure", "median", "beta")
@@ -95,8 +95,10 @@ def read_curves(path: Path) -> dict[str, Lognormal]:
     curves = _read(path, _from_nrml, _curves)
     if not curves:
         raise _curve_error("fragility.none", "holds no lognormal fragility", path)
-    curves = [_in_si(curve, path) for curve in curves]
     for curve in curves:
+        if curve.measure not in MEASURES and not is_spectral(curve.measure):
+            what = f"is over {curve.measure!r}, which is no column of the results, such as pga_m_s2"
+            raise _curve_error("measure.unknown", what, path)
         if not (curve.median > 0 and math.isfinite(curve.median) and 0 <= curve.beta < math.inf):
             raise _curve_error(
                 "fragility.curve_unusable",
@@ -112,22 +114,6 @@ def read_curves(path: Path) -> dict[str, Lognormal]:
             path,
         )
     return {curve.measure: curve for curve in curves}
-
-
-def _in_si(curve: Lognormal, path: Path) -> Lognormal:
-    """Convert a curve over a measure with a unit, such as PGA (g), to one over a column of the results."""
-    known = measure_with_unit(curve.measure)
-    if known is None or known[0] == curve.measure:
-        return curve
-    if measure_of(curve.measure):
-        raise InputError(
-            "fragility.unit_unknown",
-            f"the measure {curve.measure!r} names no unit of its median",
-            where=str(path),
-            expected=f"a column of the results, such as {known[0]}, or a measure with its unit",
-            remedy=f"write {known[0]} with the median in SI, or {curve.measure} (g) or the like",
-        )
-    return replace(curve, measure=known[0], median=known[1] * curve.median, resampled=None)
 
 
 def read_surface(path: Path, measures: tuple[str, ...]) -> Surface | None:

@@ -364,15 +364,11 @@ def _surface_of(report: Mapping[str, Any]) -> list[str]:
     if "roughness_m" in interface and interface.get("given_by") != "plane":  # a plane fits itself
         lines.append(f"roughness {interface['roughness_m']:.3g} m")
     if surface:
+        seen, closed, invented = (100 * surface[f"{how}_share"] for how in ("seen", "closed", "invented"))
         lines.append(
-            f"surface seen {_percent(surface['seen_share'], 1)}, closed at the interface "
-            f"{_percent(surface['closed_share'], 1)}, invented {_percent(surface['invented_share'], 1)}"
+            f"surface seen {seen:.1f} %, closed at the interface {closed:.1f} %, invented {invented:.1f} %"
         )
     return lines
-
-
-def _percent(share: float, digits: int = 0) -> str:
-    return f"{100 * share:.{digits}f} %"
 
 
 def _fit_of(registration: Mapping[str, Any]) -> str:

@@ -11,7 +11,7 @@ from refusals import flip, refused
 
 from toppling.models.files import digest
 from toppling.models.files.digest import read_table, write_table
-from toppling.models.files.folder import local, new_file, new_folder, path_named_in
+from toppling.models.files.folder import local, new_file, new_folder
 from toppling.models.files.stores import is_store
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.motion import Motion
@@ -45,15 +45,6 @@ def test_a_file_replaces_a_former_file_only_when_all_is_written(tmp_path):
         hidden.write_text("2\ud800", encoding="utf-8")  # which no encoding has: half of it is written
     assert target.read_text() == "1"
     assert list(target.parent.iterdir()) == [target]
-
-
-def test_a_name_in_a_table_is_found_whether_or_not_its_accents_stand_apart(tmp_path):
-    apart, together = "Zu\u0308rich", "Z\u00fcrich"
-    (tmp_path / apart).mkdir()
-    (tmp_path / apart / "a\u0308.csv").write_text("")
-    assert path_named_in(tmp_path, f"{together}/\u00e4.csv").exists()
-    assert path_named_in(tmp_path, f"{together}/none.csv") == tmp_path / apart / "none.csv"
-    assert path_named_in(tmp_path, "nowhere/\u00e4.csv") == tmp_path / "nowhere/\u00e4.csv"
 
 
 def _text(target):
@@ -106,15 +97,6 @@ def test_addresses_are_refused_as_folders_and_nothing_is_made(address, tmp_path,
     with refused("file.is_address"):
         Campaign.read(tmp_path / "campaign.toml")
     assert [path.name for path in tmp_path.iterdir()] == ["campaign.toml"]
-
-
-@pytest.mark.parametrize("address", ["file://{}", "file://localhost{}", "FILE://{}", "local://{}"])
-def test_addresses_of_this_machine_are_paths(address, tmp_path):
-    place = tmp_path / "with a blank"
-    given = address.format(str(place).replace(" ", "%20"))
-    assert local(given) == place
-    Scene.block(0.2, 0.2, 0.6).save(place)
-    assert Scene.load(given).id == Scene.load(place).id
 
 
 @pytest.mark.parametrize("path", ["runs/first", "/data/x:y/run", "../s3/run", "c/a:b", "s3:run"])

@@ -12,7 +12,6 @@ ENTRIES = {
         f"unknown is {unknown!r}": (f"h1,h2,mag,dist_km\na,b,{unknown},{unknown}", {})
         for unknown in ("-999", "-999.0", "NA", "n/a", "?", "nan", "")
     },
-    "words": ("h1,h2,mag,dist_km\na,b,Mw 6.9,12.5 km", {"magnitude": 6.9, "distance_km": 12.5}),
     **{
         names: (f"h1,h2,{names}\na,b,6.9,12.5", {"magnitude": 6.9, "distance_km": 12.5})
         for names in ("Mag (Mw),Dist (km)", "Mw,Rrup [km]", "magnitude,epicentral distance (km)")

@@ -12,9 +12,7 @@ from toppling.models.files.table import openquake_values
 from toppling.results.hazard.measure_names import imt_of
 from toppling.results.hazard.readers.assembly import HazardFile, Realisations, Stated, Statement
 
-_NAMED = re.compile(
-    r"(rlz-\d+|quantile(?:_curve)?-\d*\.?\d+|mean|max|std)(?:-(?P<imt>[A-Z]+(?:\([\d.]+\))?))?"
-)
+_NAMED = re.compile(r"rlz-\d+|quantile(?:_curve)?-\d*\.?\d+|mean|max|std")
 """Kind in a file's name, which repeats its first line where that was lost."""
 
 
@@ -91,8 +89,7 @@ def _curves(
     if absent or not rows:
         file.refuse("hazard.columns_unknown" if absent else "hazard.no_site",
             f"has no column {', '.join(absent)}" if absent else "has no site")  # fmt: skip
-    named = _NAMED.search(file.path.name)
-    imt = stated.get("imt") or (named and named["imt"])
+    imt = stated.get("imt")
     if not imt and not file.measure_elsewhere:
         file.refuse("hazard.measure_missing", "states no imt", _ADD_IMT)
     measure, unit = file.measure_named(imt or imt_of(str(file.measure_elsewhere))[0], _ADD_IMT)
@@ -118,7 +115,7 @@ def _curves(
 def _kind(file: HazardFile, kind: str) -> tuple[str, float | str | None]:
     """Kind of a curve in a calculation, by its key, or its file's name where it has none."""
     if not kind and (found := _NAMED.search(file.path.name)):
-        kind = found[1].replace("_curve", "")
+        kind = found[0].replace("_curve", "")
     if kind.startswith("rlz-"):
         return "realisation", int(kind.removeprefix("rlz-"))
     if kind.startswith("quantile-"):

@@ -116,6 +116,11 @@ def test_a_live_session_is_called_running_and_a_killed_session_interrupted(plann
         assert [entry["ended"] for entry in state_of(run)["sessions"]] == ["interrupted", "running"]
 
 
+def test_an_audit_of_too_few_jobs_is_reported(planned, tmp_path):
+    (tmp_path / "run" / "audit").mkdir()
+    assert "Fewer than 40 jobs" in state_of(tmp_path / "run")["audit_sentences"][0]
+
+
 def test_the_toppled_fractions_of_a_run_count_answered_jobs_by_level(planned, tmp_path):
     done = rows(planned, [("ok", ""), ("ok", ""), ("crashed", "died")])
     answered = [row | {"toppled": n == 0} for n, row in enumerate(done[:2])]

@@ -38,6 +38,14 @@ def test_fewer_than_ten_topplings_bear_no_curve_and_no_ranking(tmp_path):
     assert content.statement is None
 
 
+def test_the_first_sentence_says_which_of_several_frictions_it_is_of(tmp_path):
+    jobs = rows(records=12, levels=(4, 8), azimuths=(0.0,))
+    weak = {"friction_static": 0.3, "friction_kinetic": 0.3}
+    also = [job | weak | {"job_id": f"{number:024x}"} for number, job in enumerate(jobs)]
+    first = first_screen(Content(run_in(tmp_path, [*jobs, *also]), 5), Document())["answers"][0]
+    assert "the highest of 2 frictions" in first
+
+
 def test_a_run_without_answers_has_no_page(tmp_path):
     run = run_in(tmp_path, [row("a", status="crashed")])
     with refused("run.no_answers"):

@@ -119,62 +119,16 @@ def judge_crevice(
     check_seen(len(low), "rock", given=given)
     margin = 0.15 * height_m
     lowest, highest = bounds_of(low)
-    around = inside_box(points_m, lowest - margin, highest + margin)
-    near, near_label = points_m[around], label[around]
-    judged = _relabelled(near, near_label, interface, height_m, voxel_m, apart, given=given)
-    label = label.copy()
-    label[around] = judged
-    return label
-
-
-def check_seen(points: int, side: str, *, given: bool) -> None:
-    """Refuse an interface near which next to nothing of one side, rock or pedestal, was seen.
-
-    Raises
-    ------
-    InputError
-        With another remedy where the interface is given than where it was fitted.
-    """
-    if points >= LEAST_SEEN:
-        return
-    if given:
-        raise InputError(
-            "interface.too_few_points",
-            f"only {points} points of the {side} lie near the interface that is given",
-            where="the interface",
-            expected="a plane on which rock and pedestal meet",
-            remedy="check its height and slope: given too high it cuts the rock, too low it runs below the pedestal",
-        )
-    raise InputError(
-        "interface.too_few_points",
-        f"only {points} points of the {side} are left near the interface",
-        where="interface",
-        expected="rock and pedestal seen once each, on both sides of the crevice",
-        remedy="check that the stations fit each other, as one that is off shows the rock's foot twice (leave them "
-        "out one by one); or scan the crevice from nearer and from more sides",
-    )
-
-
-def _relabelled(
-    points_m: Array,
-    label: NDArray[np.int8],
-    interface: Interface,
-    height_m: float,
-    voxel_m: float,
-    apart: tuple[Array, Array] | None,
-    *,
-    given: bool,
-) -> NDArray[np.int8]:
-    flat = interface.over(points_m)
-    rock = flat[label == ROCK]
-    low = rock[rock[:, 2] < _BAND_PER_HEIGHT * height_m]
+    around = np.flatnonzero(inside_box(points_m, lowest - margin, highest + margin))
+    flat = interface.over(points_m[around])
+    low = flat[(label[around] == ROCK) & (flat[:, 2] < _BAND_PER_HEIGHT * height_m)]
     margin = 0.12 * height_m
     grid = Grid.over(
         low[:, :2].min(axis=0) - margin, low[:, :2].max(axis=0) + margin, voxel_m / _CELLS_PER_PATCH
     )
     inside = np.abs(flat[:, 2]) < _BAND_PER_HEIGHT * height_m
     inside &= inside_box(flat[:, :2], grid.first_m, grid.nodes_m[-1, -1])
-    near, near_label = flat[inside], label[inside]
+    near, near_label = flat[inside], label[around[inside]]
     adjacent = int((near_label == PEDESTAL).sum())
     if adjacent < LEAST_SEEN and not given:
         return label
@@ -196,8 +150,30 @@ def _relabelled(
     hanging = np.flatnonzero((near_label == PEDESTAL) & (np.minimum(gap, near[:, 2]) > tolerance))
     near_label[hanging[_outside(rim, near[hanging, :2]) < _FOOT_PER_HEIGHT * height_m]] = ROCK
     changed = label.copy()
-    changed[inside] = near_label
+    changed[around[inside]] = near_label
     return changed
+
+
+def check_seen(points: int, side: str, *, given: bool) -> None:
+    """Refuse an interface near which next to nothing of one side, rock or pedestal, was seen.
+
+    Raises
+    ------
+    InputError
+        With another remedy where the interface is given than where it was fitted.
+    """
+    if points >= LEAST_SEEN:
+        return
+    raise InputError(
+        "interface.too_few_points",
+        f"only {points} points of the {side} are left near the interface",
+        where="the interface",
+        expected="a plane on which rock and pedestal meet, each seen once",
+        remedy="check its height and slope: given too high it cuts the rock, too low it runs below the pedestal"
+        if given
+        else "check that the stations fit each other, as one that is off shows the rock's foot twice (leave them "
+        "out one by one); or scan the crevice from nearer and from more sides",
+    )
 
 
 def _pedestal_sheet(

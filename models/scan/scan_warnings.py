@@ -124,6 +124,19 @@ def unseen_range(observed: ObservedRock, interface: Interface) -> tuple[float, f
     return widest_gap_deg(shown) if len(shown) else (360.0, 0.0)
 
 
+def with_unseen_range(
+    error: InputError, observed: ObservedRock, interface: Interface, origin_m: Array
+) -> InputError:
+    """Refusal of a rock whose surface does not close, with what was split as the rock and where it was not seen."""
+    blind_deg, toward_deg = unseen_range(observed, interface)
+    x, y = np.median(observed.surfels.points_m[observed.patches, :2], axis=0) + origin_m[:2]
+    what = (
+        f"of what was split as the rock, {observed.height_m:.2g} m high about {x:.2f}, {y:.2f}, no side was seen over "
+        f"{blind_deg:.0f} degrees about {quadrant_of(toward_deg)}: {error.what}"
+    )
+    return InputError(**vars(error) | {"what": what})
+
+
 def _creased_fraction(observed: ObservedRock, interface: Interface) -> float | None:
     """Share of the directions in which rock and pedestal were seen to meet where it is in a crease; None if unseen."""
     surfels, flat = observed.surfels, interface.flat(observed.surfels.points_m)

@@ -37,7 +37,7 @@ from toppling.models.scan.parts import as_labelled
 from toppling.models.scan.plausible import mesh_note, step_note
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.register import Registered, registered
-from toppling.models.scan.scan_warnings import left_over, warnings_of
+from toppling.models.scan.scan_warnings import left_over, warnings_of, with_unseen_range
 from toppling.models.scan.segment import (
     NEITHER,
     PEDESTAL,
@@ -326,7 +326,10 @@ def work_out(
     check_above(seen.observed, seen.interface)
     check_inspection(seen.observed, seen.interface, inspection.moved(cloud.origin_m))
     progress("closing the rock")
-    closed = seen.closed
+    try:
+        closed = seen.closed
+    except InputError as error:
+        raise with_unseen_range(error, seen.observed, seen.interface, cloud.origin_m) from error
     leaves, doubted = left_over(closed.rock, seen.observed)
     if doubted:
         seen = _seen(cloud, relabelled(cloud.points_m, parts, leaves, NEITHER), hint, interface)

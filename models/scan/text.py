@@ -19,7 +19,7 @@ from toppling.models.errors import InputError, refusals
 from toppling.models.files.given import check_lines, open_given
 from toppling.models.files.table import Table, is_number
 from toppling.models.lengths import in_degrees
-from toppling.models.scan.plausible import MINIMUM_POINTS, coordinate_steps, is_geocentric
+from toppling.models.scan.plausible import coordinate_steps, is_geocentric
 
 _AXES = {
     "x": ("x", "easting", "east", "e"),
@@ -75,50 +75,36 @@ def named_columns(lines: Sequence[str], columns: int, where: str, unit_given: bo
     return None
 
 
-@dataclass(frozen=True)
-class _Coordinate:
-    """Meaning of a column of coordinates by its name."""
+def _coordinate(name: str) -> tuple[str, tuple[bool, int, int]] | None:
+    """Axis by a column's name such as x, POINT_X, x_ft or X [m]; None if it is no coordinate's.
 
-    word: str
-    kind: frozenset[str]
-    metres: bool
-
-    @classmethod
-    def of(cls, name: str) -> _Coordinate | None:
-        """Read a name such as x, POINT_X, x_ft or X [m]; None if it is no coordinate's."""
-        bare, _, bracket = name.partition("(")
-        words, inside = set(re.findall(r"[^\s_-]+", bare)), set(re.findall(r"\w+", bracket))
-        axes = words & _AXIS_OF.keys()
-        if not axes or len({_AXIS_OF[word] for word in axes | (inside & _AXIS_OF.keys())}) > 1:
-            return None  # X (northing) contradicts itself
-        units = words - axes - _KINDS - _METRES - ({"in"} if words & _METRES else set())  # x in m
-        if not all(map(_OTHER_LENGTH.fullmatch, units)):
-            return None
-        powers = not inside.isdisjoint({"10", "100", "1000"})  # 10^-3 m
-        other = bool(units) or powers or (not inside & _METRES and any(map(_OTHER_LENGTH.fullmatch, inside)))
-        return cls(min(axes), frozenset(words & _KINDS), not other)
+    And its rank among others of the axis: whether it is in another unit than metres, how many words tell it from
+    others, as POINT does, and how usual the axis' own word is.
+    """
+    bare, _, bracket = name.partition("(")
+    words, inside = set(re.findall(r"[^\s_-]+", bare)), set(re.findall(r"\w+", bracket))
+    axes = words & _AXIS_OF.keys()
+    if not axes or len({_AXIS_OF[word] for word in axes | (inside & _AXIS_OF.keys())}) > 1:
+        return None  # X (northing) contradicts itself
+    units = words - axes - _KINDS - _METRES - ({"in"} if words & _METRES else set())  # x in m
+    if not all(map(_OTHER_LENGTH.fullmatch, units)):
+        return None
+    powers = not inside.isdisjoint({"10", "100", "1000"})  # 10^-3 m
+    other = bool(units) or powers or (not inside & _METRES and any(map(_OTHER_LENGTH.fullmatch, inside)))
+    word = min(axes)
+    return _AXIS_OF[word], (other, len(words & _KINDS), _AXES[_AXIS_OF[word]].index(word))
 
 
 def _axes(names: Sequence[str]) -> Columns | None:
-    """Columns of x, y, z by their names: those in metres first, and x, y, z before others such as POINT_X.
-
-    Where several sets of others are complete nobody can tell which one is meant, and none is taken.
-    """
-    every = [_Coordinate.of(name) for name in names]
-    for read in ([column if column is not None and column.metres else None for column in every], every):
-        kinds = {column.kind for column in read if column is not None}
-        sets = {kind: found for kind in kinds if (found := _axes_of(kind, read)) is not None}
-        if frozenset() in sets:
-            return sets[frozenset()]
-        if len(sets) == 1:
-            return next(iter(sets.values()))
-    return None
-
-
-def _axes_of(kind: frozenset[str], read: Sequence[_Coordinate | None]) -> Columns | None:
-    words = [column.word if column is not None and column.kind == kind else None for column in read]
-    x, y, z = (next((words.index(word) for word in _AXES[axis] if word in words), None) for axis in _AXES)
-    return None if x is None or y is None or z is None else (x, y, z)
+    """Columns of x, y, z by their names, of each axis the first by rank; None where nobody can tell."""
+    found = []
+    for axis in _AXES:
+        every = [(read, column) for column, name in enumerate(names) if (read := _coordinate(name))]
+        ranked = sorted((read[1], column) for read, column in every if read[0] == axis)
+        if not ranked or (len(ranked) > 1 and ranked[0][0] == ranked[1][0]):
+            return None
+        found.append(ranked[0][1])
+    return found[0], found[1], found[2]
 
 
 def _names(line: str, columns: int) -> list[str]:
@@ -140,14 +126,12 @@ def _names(line: str, columns: int) -> list[str]:
 
 def _names_columns(names: Sequence[str], columns: int) -> bool:
     """Whether a line is a header, though one that names no place, and no remark."""
-    known = {
-        name for name in names if name.partition("(")[0] in _OTHER_COLUMNS or _Coordinate.of(name) is not None
-    }
+    known = {name for name in names if name.partition("(")[0] in _OTHER_COLUMNS or _coordinate(name)}
     return len(names) == columns or len(known) >= 2
 
 
 def _check_metres(names: Sequence[str], where: str) -> None:
-    stated = [name for name in names if (read := _Coordinate.of(name)) is not None and not read.metres]
+    stated = [name for name in names if (read := _coordinate(name)) and read[1][0]]
     if stated:
         raise _other_unit(stated, where)
 
@@ -191,7 +175,6 @@ _EASTINGS_M = (1e5, 1e6)
 """Range of all eastings of UTM; northings lie beyond it nearly everywhere."""
 _NORTHINGS_BELOW_M = 1e7
 _HEAD_LINES, _LOOKED_AT, _MOST_COLUMNS = 20, 2000, 24
-_EVEN = 1e-3
 _ENDS = "\x1a\0"
 """DOS' end-of-file character, and what a program leaves of a block that it did not fill."""
 _BETWEEN_CELLS = ",;\t\r\n "
@@ -272,7 +255,6 @@ def read_text(path: Path, unit_given: bool = False) -> tuple[Array, tuple[str, .
         counts.clear()
         points = _loaded_again(load, lines_from(counts), path)
     if named is None:
-        _check_not_numbered(points, path)
         _check_easting_first(points, path, unit_given)
     note = (
         "" if sum(counts) in (0, len(points)) else f"{len(points)} points where the file counts {sum(counts)}"
@@ -398,21 +380,6 @@ def _is_number(word: str) -> bool:
     except ValueError:
         return False
     return "_" not in word
-
-
-def _check_not_numbered(points: Array, path: Path) -> None:
-    """Refuse points that are numbered or timed in front: number, x, y would be taken for x, y, z."""
-    number = points[:, 0]
-    rise = np.diff(number)
-    if len(points) < MINIMUM_POINTS or not (rise > 0.0).all():
-        return
-    if (number % 1.0).any() and np.ptp(rise) > _EVEN * rise.min():
-        return
-    raise _out_of_order(
-        "cloud.points_numbered",
-        f"the first column, {', '.join(f'{value:g}' for value in number[:3])} ..., numbers or times the points",
-        path,
-    )
 
 
 def _check_easting_first(points: Array, path: Path, unit_given: bool) -> None:

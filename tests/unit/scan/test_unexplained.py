@@ -10,6 +10,7 @@ from refusals import refused
 from scipy.spatial import cKDTree
 
 from toppling.models.arrays import inside_box
+from toppling.models.errors import InputError
 from toppling.models.scan import segment, virtual
 from toppling.models.scan.candidates import (
     Candidate,
@@ -28,6 +29,7 @@ from toppling.models.scan.scan_warnings import (
     unseen_range,
     unseen_rim,
     warnings_of,
+    with_unseen_range,
 )
 from toppling.models.scan.segment import ROCK, choose, patches_around
 from toppling.models.scan.surfels import Surfels, orient, thin
@@ -85,6 +87,14 @@ def test_a_rock_that_a_fillet_joins_to_its_pedestal_is_a_question_and_no_refusal
 def test_directions_without_a_view_are_warned_of(sides, blind_deg, toward_deg):
     result = unseen_range(seen_of(box((-0.25, -0.25, 0.0), (0.25, 0.25, 1.0), sides), ground()), LEVEL)
     assert result == pytest.approx((blind_deg, toward_deg), abs=12.0)
+
+
+def test_a_rock_that_does_not_close_is_refused_with_its_place_and_what_was_not_seen():
+    observed = seen_of(box((-0.25, -0.25, 0.0), (0.25, 0.25, 1.0), "e"), ground())
+    error = InputError("scan.not_closed", "no body", where="closing", expected="a rock", remedy="stations")
+    found = with_unseen_range(error, observed, LEVEL, np.array([100.0, 200.0, 0.0]))
+    assert found.code == "scan.not_closed"
+    assert re.search(r"0.99 m high about 100\.\d+, 200\.\d+, no side was seen over 350 degrees", found.what)
 
 
 @pytest.mark.parametrize(("sides", "what"), [("es", "one side"), ("ewns", "70%")])

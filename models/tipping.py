@@ -18,15 +18,14 @@ from scipy.spatial.transform import Rotation
 
 from toppling.models.caching import cached
 from toppling.models.compiled import Array
-from toppling.models.errors import InputError
 from toppling.models.frames import horizontal_unit_vector
 from toppling.models.ground.body import GroundedBody
 from toppling.models.ground.contacts import LEANING, MOST
 from toppling.models.ground.equilibrium import held_up_to_m_s2, shortest
+from toppling.models.ground.facet_path import NO_HULL, NO_SLIP, fall, falling_under, unfinished
 from toppling.models.ground.pairs import REACH
 from toppling.models.ground.rolling import FIRST_KEY as FIRST_SMOOTH_KEY
-from toppling.models.ground.stepping import Grounded, contacts_at, fall
-from toppling.models.pedestal import LARGEST_OPEN_TILT_DEG
+from toppling.models.ground.stepping import Grounded, contacts_at
 from toppling.models.pivots import OPENS, Turn, crossed, on_one_line, tips_m_s2, turn_under
 from toppling.models.statics import STEEP, TOPPLED_TILT_DEG, Limits
 
@@ -51,9 +50,8 @@ _UNSURE, _MORE = 1e-3, 1e-4
 """Shares of an acceleration, and of g: up to which two are equal, as contacts are known to some micrometres, and by
 which the one that moves a rock on exceeds the largest at rest."""
 
-_STEPS_OF_FALL, _LONGEST_FALL, _RESOLVED, _STILL = 48, 100, 1e-4, 1e-5
-"""Steps within sqrt(R / g), number of such times in which a rock comes to rest, and speeds over sqrt(g R) of a contact
-that is stopped at a step's end and of a rock at rest."""
+_LONGEST_FALL = 100
+"""Number of times sqrt(R / g) in which a falling rock comes to rest."""
 
 _ROLLED_RAD, _BALANCED_RAD, _MOST_CORRECTIONS = 1e-3, 1e-4, 3
 """Angle by which a rock on one smooth contact is rolled to see how its balance changes; from its equilibrium, of one
@@ -63,7 +61,7 @@ _NEUTRAL = 2e-3
 """Change of that balance with the angle rolled, over g R, below which there is none: that of a ball's mesh."""
 
 _ROUNDING = 1e-12  # acceleration over g
-_MOST_GRAVITIES = 30.0  # acceleration, over g, beyond which a pose supports any; and a friction without slip
+_MOST_GRAVITIES = 30.0  # acceleration, over g, beyond which a pose supports any
 _MOST_STEPS = 1200  # of a path
 
 
@@ -85,13 +83,7 @@ def _followed(body: GroundedBody, azimuth_deg: float) -> tuple[float, float]:
     path = _Path(body, azimuth_deg)
     if any(path.ends() for _ in range(_MOST_STEPS)):
         return path.best_m_s2, path.slides_m_s2
-    raise InputError(
-        "scene.statics_unfinished",
-        f"the rock rocks over more than {_MOST_STEPS} contacts where the ground accelerates toward {azimuth_deg:g}",
-        where="statics",
-        expected="meshes of rock and ground on which its way to toppling can be followed",
-        remedy="simplify the meshes",
-    )
+    raise unfinished(azimuth_deg, _MOST_STEPS)
 
 
 class _Support(NamedTuple):
@@ -176,18 +168,13 @@ class _Path:
 
     def _falls(self) -> bool:
         """Let the rock go from its pose, by the steps of the shakes; whether it is at rest again, and near by."""
-        body, unit_s = self.body, math.sqrt(self.size_m / self.g)
+        body, (rock, ground) = self.body, self.body.moving
         force = self.load + self._more_m_s2() * self.push
-        friction = body.friction[0] if self.slides_m_s2 == np.inf else _MOST_GRAVITIES
-        (rock, ground), speed_m_s = body.moving, math.sqrt(self.size_m * self.g)
-        sim = self.sim._replace(
-            rock=rock, ground=ground, gravity_m_s2=force, friction=(friction, friction),
-            resolved_m_s=_RESOLVED * speed_m_s, step_s=unit_s / _STEPS_OF_FALL,
-        )  # fmt: skip
-        sim.pose[0], sim.counts[:] = self.pose, 0
-        bounds = math.cos(math.radians(LARGEST_OPEN_TILT_DEG)), self.size_m, _STILL * speed_m_s
-        steps = _STEPS_OF_FALL * _LONGEST_FALL, _STEPS_OF_FALL
-        rests, sunk_m = fall(sim, self.upright, body.scene_from_support[2].copy(), bounds, steps)
+        friction = body.friction[0] if self.slides_m_s2 == np.inf else NO_SLIP
+        sim = self.sim._replace(rock=rock, ground=ground, friction=(friction, friction))
+        sim.pose[0], sim.velocity[0], sim.counts[:] = self.pose, 0.0, 0
+        up, hull = body.scene_from_support[2].copy(), NO_HULL._replace(upright=self.upright)
+        rests, sunk_m = fall(falling_under(force, self.g, sim), hull, up, self.size_m, _LONGEST_FALL)
         before, self.pose = self.pose, sim.pose[0].copy()
         if not rests and not self._is_beyond():
             self.pose = body.settled(self.pose, force)
@@ -243,7 +230,7 @@ class _Path:
 
         held = gripped(self.body.friction[0])
         if most is None:
-            most = gripped(_MOST_GRAVITIES)
+            most = gripped(NO_SLIP)
         if most is None:
             return False, self.best_m_s2, np.inf
         slides = self.best_m_s2 if held is None else held

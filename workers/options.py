@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 
-PHYSICS_VERSION = "45"
+PHYSICS_VERSION = "46"
 """Part of every job's id: raised whenever the same job may give another answer."""
 
 

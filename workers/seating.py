@@ -5,10 +5,13 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from toppling.models.caching import cached
+from toppling.models.compiled import Array
 from toppling.models.errors import InputError
 from toppling.models.ground.points import contact_of
+from toppling.models.ground.rigid import yaw_between
 from toppling.models.pedestal import FARTHEST_SETTLING
 from toppling.models.scene import Scene
 from toppling.models.statics import at_rest, equilibrium_possible
@@ -59,6 +62,12 @@ def settled(scene: Scene) -> Scene:
     if moved_m > FARTHEST_SETTLING * scene.rock.height_m:
         raise _falls(scene, f"its centre of mass moves by {moved_m:.3g} m")
     return seated
+
+
+def seated(seat: Array, pose: Array) -> Array:
+    """The pose (7,) in which a rock comes to rest where it is, with its turn about the normal since its seat."""
+    attitude = Rotation.from_euler("z", yaw_between(seat, pose)) * Rotation.from_quat(seat[3:])
+    return np.concatenate([pose[:2], seat[2:3], attitude.as_quat()])
 
 
 def _on_its_pedestal(scene: Scene) -> Scene:

@@ -15,10 +15,6 @@ from scipy.spatial.transform import Rotation
 from toppling.models.caching import cached
 from toppling.models.compiled import Array
 from toppling.models.errors import InputError
-from toppling.models.ground.contacts import CONTACT, MOST
-from toppling.models.ground.facets import NO_FACETS
-from toppling.models.ground.mesh import NO_MESH
-from toppling.models.ground.pairs import empty_lists
 from toppling.models.ground.plane import (
     FLAT_SHARE,
     NO_POINTS,
@@ -30,7 +26,7 @@ from toppling.models.ground.plane import (
 from toppling.models.ground.points import contact_of
 from toppling.models.ground.rigid import excitation
 from toppling.models.ground.rolling import NO_ROLLING, RollingSurface, rolling_surface
-from toppling.models.ground.stepping import Grounded, settle, work_room
+from toppling.models.ground.stepping import settle, unmoved
 from toppling.models.motions.motion import Motion
 from toppling.models.pedestal import LARGEST_OPEN_TILT_DEG
 from toppling.models.scene import Scene
@@ -42,8 +38,7 @@ from toppling.workers.engines.protocol import Steps
 from toppling.workers.options import NumericalOptions
 from toppling.workers.outcome import ShakeResult, result_of
 from toppling.workers.problem import Problem, time_step_s
-from toppling.workers.quaternion import seated
-from toppling.workers.seating import settled
+from toppling.workers.seating import seated, settled
 from toppling.workers.standing import TOUCHING_SHARE, let_down
 from toppling.workers.start import State, checked_start
 from toppling.workers.stepping import Watch, steps_at_once, take_steps
@@ -70,19 +65,11 @@ class Shaking:
         self.problem, self._take_steps = problem, take_steps
         contact, motion, properties = problem.contact, problem.motion, problem.scene.contact
         gravity = np.array([0.0, 0.0, -problem.scene.gravity_m_s2]) @ contact.scene_from_support
-        self.sim = Grounded(
-            over=not_listed(_plane_points(problem.scene)),
+        over, size_m = not_listed(_plane_points(problem.scene)), contact.half_diagonal_m
+        friction = properties.friction_static, properties.friction_kinetic
+        sim = unmoved(over, problem.farthest_m, contact.principal_inertia_m2, size_m, friction)
+        self.sim = sim._replace(
             rolling=_rolling(problem),
-            rock=NO_MESH,
-            ground=NO_MESH,
-            facets=NO_FACETS,
-            lists=empty_lists(contact.half_diagonal_m, problem.farthest_m, room=1),
-            contacts=np.zeros(MOST, CONTACT),
-            trial=np.zeros(MOST, CONTACT),
-            counts=np.zeros(8, np.int64),
-            inertia_m2=contact.principal_inertia_m2,
-            size_m=contact.half_diagonal_m,
-            friction=(properties.friction_static, properties.friction_kinetic),
             restitution=properties.restitution,
             resolved_m_s=problem.options.resolved_impact * problem.speed_m_s,
             gravity_m_s2=gravity,
@@ -93,7 +80,6 @@ class Shaking:
             time_s=np.zeros(_ROOM),
             pose=np.zeros((_ROOM, 7)),
             velocity=np.zeros((_ROOM, 6)),
-            work=work_room(),
         )
         if not problem.scene.ground.is_plane:
             self._meet_meshes()

@@ -9,12 +9,11 @@ import numpy as np
 
 from toppling.models.compiled import Array, Vector, compiled, inner
 from toppling.models.ground.equilibrium import STILL, held_until, is_still
-from toppling.models.ground.rigid import copy, dot, minus, square
+from toppling.models.ground.pairs import moved_m
+from toppling.models.ground.rigid import copy, dot, minus, normal_in_body, square
 from toppling.models.ground.rolling import FIRST_KEY
 from toppling.models.ground.stepping import Grounded, advance, leaves_plane, step
 from toppling.workers.problem import Problem
-from toppling.workers.quaternion import normal_in_body
-from toppling.workers.termination import travel_m
 
 _LONG_STEPS = 4
 """Steps that a rock which does nothing but roll takes at once: its swings last hundreds of them."""
@@ -86,7 +85,7 @@ def _only_rolls(sim: Grounded) -> bool:
 def _has_stood(sim: Grounded, since: int) -> bool:
     """Whether the rock has not moved since a pose, but by rounding."""
     last = sim.counts[1]
-    path_m = travel_m(sim.pose[since], sim.pose[last], sim.size_m)
+    path_m = moved_m(sim.pose[since], sim.pose[last], sim.size_m)
     return path_m <= STILL * sim.size_m and is_still(sim, sim.velocity[last])
 
 

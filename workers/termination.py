@@ -10,8 +10,19 @@ import numpy as np
 
 from toppling.models.compiled import Array, Vector, compiled, inner
 from toppling.models.ground.body import RESTING_SHARE
+from toppling.models.ground.pairs import moved_m
 from toppling.models.ground.plane import is_over_plane
-from toppling.models.ground.rigid import cross, dot, minus, plus, rotation_of
+from toppling.models.ground.rigid import (
+    cross,
+    dot,
+    kinetic_j_kg,
+    minus,
+    normal_in_body,
+    plus,
+    rotation_of,
+    turned,
+    yaw_between,
+)
 from toppling.models.ground.stepping import Grounded
 from toppling.models.pedestal import LARGEST_OPEN_TILT_DEG
 from toppling.models.scene import Scene
@@ -19,7 +30,6 @@ from toppling.models.statics import TOPPLED_FALL
 from toppling.workers import standing
 from toppling.workers.barrier import least_overturning_j_kg, lying_arms_m
 from toppling.workers.problem import Problem
-from toppling.workers.quaternion import normal_in_body, rotation_between, to_body, to_world, yaw_between
 
 
 class Body(NamedTuple):
@@ -40,7 +50,7 @@ class Body(NamedTuple):
             points_m=np.ascontiguousarray(contact.points_body_m),
             lying_m=np.ascontiguousarray(lying_arms_m(contact)),
             scene_pose=contact.start_pose,
-            below_m=np.array(to_body(0.0, 0.0, -start_pose[2], start_pose)),
+            below_m=-start_pose[2] * np.array(normal_in_body(start_pose)),
             up=np.ascontiguousarray(contact.scene_from_support[2]),
             gravity_m_s2=problem.scene.gravity_m_s2,
         )
@@ -90,32 +100,31 @@ def observe(sim: Grounded, body: Body, since: int) -> Observation:
         if not (math.isfinite(here[0]) and math.isfinite(here[1]) and math.isfinite(here[2])):
             fastest = np.nan
         cosine, lowest = min(cosine, _upright(here, body.scene_pose)), min(lowest, here[2])
-    rotation_of(pose, sim.work.turn)
-    lying = _lying_com_m(body, pose)
-    a, b, c, start = body.below_m[0], body.below_m[1], body.below_m[2], sim.pose[0]
-    first, below = to_world(a, b, c, start), to_world(a, b, c, pose)
-    x, y = pose[0] + below[0] - (start[0] + first[0]), pose[1] + below[1] - (start[1] + first[1])
-    turned = math.degrees(yaw_between(sim.pose[0], pose))
+    turn, start = sim.work.turn, sim.pose[0]
+    rotation_of(start, turn)
+    first = plus(start, 1.0, turned(turn, body.below_m))
+    rotation_of(pose, turn)
+    lying, below = _lying_com_m(body, pose, turn), plus(pose, 1.0, turned(turn, body.below_m))
+    x, y = below[0] - first[0], below[1] - first[1]
+    turned_deg = math.degrees(yaw_between(start, pose))
     up, lasted_s = body.up, sim.time_s[last] - sim.time_s[since]
     height = up[0] * (pose[0] - lying[0]) + up[1] * (pose[1] - lying[1]) + up[2] * (pose[2] - lying[2])
     return Observation(
         time_s=sim.time_s[last],
         fastest_m_s=fastest,
         largest_tilt_deg=math.degrees(math.acos(min(max(cosine, -1.0), 1.0))),
-        drift_m_s=travel_m(sim.pose[since], pose, sim.size_m) / lasted_s if lasted_s > 0.0 else 0.0,
+        drift_m_s=moved_m(sim.pose[since], pose, sim.size_m) / lasted_s if lasted_s > 0.0 else 0.0,
         speed_m_s=_size(velocity[:3]) + _size(velocity[3:]) * sim.size_m,
         sliding_m_s=_sliding_m_s(sim, velocity),
-        energy_j_kg=_kinetic_j_kg(sim.inertia_m2, pose, velocity) + body.gravity_m_s2 * height,
+        energy_j_kg=kinetic_j_kg(turn, sim.inertia_m2, velocity) + body.gravity_m_s2 * height,
         tilt_deg=math.degrees(math.acos(min(max(_upright(pose, body.scene_pose), -1.0), 1.0))),
         yaw_deg=math.degrees(yaw_between(body.scene_pose, pose)),
-        turned_deg=abs((turned + 180.0) % 360.0 - 180.0),
+        turned_deg=abs((turned_deg + 180.0) % 360.0 - 180.0),
         slip_m=math.sqrt(x * x + y * y),
         fallen_m=dot(minus(sim.pose[0], pose), up),
         lowest_m=lowest,
         com_m=(pose[0], pose[1], pose[2]),
-        over_plane=is_over_plane(
-            sim.over, pose, sim.work.turn, sim.lists.farthest_m, RESTING_SHARE * sim.size_m
-        ),
+        over_plane=is_over_plane(sim.over, pose, turn, sim.lists.farthest_m, RESTING_SHARE * sim.size_m),
     )
 
 
@@ -137,35 +146,20 @@ def _sliding_m_s(sim: Grounded, velocity: Array) -> float:
     return fastest if fastest >= 0.0 else np.inf
 
 
-@compiled
-def travel_m(start: Array, end: Array, radius_m: float) -> float:
-    """Way from pose to pose (7,) of the point that moved most of those within a radius, at most."""
-    shift = (end[0] - start[0], end[1] - start[1], end[2] - start[2])
-    return _size(shift) + _size(rotation_between(start, end)) * radius_m
-
-
 @inner
 def _size(vector: Array | Vector) -> float:
     return math.sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2])
 
 
 @inner
-def _kinetic_j_kg(inertia_m2: Array, pose: Array, velocity: Array) -> float:
-    p, q, r = to_body(velocity[3], velocity[4], velocity[5], pose)
-    turning = inertia_m2[0] * p * p + inertia_m2[1] * q * q + inertia_m2[2] * r * r
-    return 0.5 * (velocity[0] ** 2 + velocity[1] ** 2 + velocity[2] ** 2 + turning)
-
-
-@inner
-def _lying_com_m(body: Body, pose: Array) -> Vector:
+def _lying_com_m(body: Body, pose: Array, turn: Array) -> Vector:
     """Centre of mass if the rock lay where it is, on its lowest point."""
-    nx, ny, nz = normal_in_body(pose)
     lowest, index = np.inf, 0
     for i in range(len(body.points_m)):
-        height = body.points_m[i, 0] * nx + body.points_m[i, 1] * ny + body.points_m[i, 2] * nz
+        height = dot(turn[2], body.points_m[i])
         if height < lowest:
             lowest, index = height, i
-    arm = to_world(body.points_m[index, 0], body.points_m[index, 1], body.points_m[index, 2], pose)
+    arm = turned(turn, body.points_m[index])
     yaw = yaw_between(body.scene_pose, pose)
     cos, sin = math.cos(yaw), math.sin(yaw)
     x, y, z = body.lying_m[index]

@@ -4,6 +4,6 @@ What moves a rock through a motion on it is here too, since statics follows a ti
 """
 
 __all__ = [
-    "body", "contacts", "equilibrium", "facet_path", "facets", "interface", "mesh", "pairs", "plane",
+    "body", "contacts", "equilibrium", "facet_path", "interface", "mesh", "pairs", "plane",
     "points", "rigid", "rolling", "stepping",
 ]  # fmt: skip

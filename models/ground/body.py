@@ -21,8 +21,8 @@ from toppling.models.ground.facets import NO_FACETS, Facets, facets_below, not_l
 from toppling.models.ground.mesh import ContactMesh, contact_mesh, not_touching, smooth_parts
 from toppling.models.ground.pairs import Lists, empty_lists
 from toppling.models.ground.plane import FLAT_SHARE, NO_POINTS
-from toppling.models.ground.rolling import FIRST_KEY, NO_ROLLING, rolling_surface
-from toppling.models.ground.stepping import Grounded, contacts_at, settle, work_room
+from toppling.models.ground.rolling import FIRST_KEY, rolling_surface
+from toppling.models.ground.stepping import Grounded, contacts_at, settle, unmoved
 from toppling.models.pedestal import FARTHEST_SETTLING, TOPPLED_TILT_DEG, Pedestal
 from toppling.models.pivots import Turn, balanced_on
 from toppling.models.rock import Rock
@@ -46,8 +46,11 @@ _FOOT = 0.2
 SETTLING_STEP = 0.05
 """Time step over sqrt(R / g) with which a rock is let down."""
 
-_ROLLING_STEPS = (0.3, 100), (1.0, 1000)
-"""Time steps over sqrt(R / g), and their number, with which a rock rolls to rest: the longer, the less is left."""
+_SETTLING_STEPS, _ROLLING_STEPS = ((SETTLING_STEP, 4000),), ((0.3, 100), (1.0, 1000))
+"""Time steps over sqrt(R / g), and their largest number, with which a rock that is let down, or rolls, comes to rest.
+
+In the first a free fall goes by 10 R, farther than any rest that counts; the longer the last, the less is left to roll.
+"""
 
 _NO_SLOPE = 1e-8
 """Displacement over R in such a step below which a rolled rock is at rest."""
@@ -178,12 +181,10 @@ class GroundedBody:
 
     def clockless(self, pose: Array, step_s: float) -> Grounded:
         """The rock in a pose, to be moved without a motion."""
-        return Grounded(
-            NO_POINTS, NO_ROLLING, self.rock, self.ground, self.facets, self.empty_lists(),
-            np.zeros(MOST, CONTACT), np.zeros(MOST, CONTACT), np.zeros(8, np.int64), self.inertia_m2, self.size_m,
-            (self.friction[0],) * 2, 0.0, 0.0, self.load_m_s2(), np.zeros((2, 6)), 1.0, step_s, 1, np.zeros(1),
-            np.array([pose]), np.zeros((1, 6)),
-            work_room(),
+        friction = self.friction[0], self.friction[0]
+        return unmoved(NO_POINTS, self.farthest_m, self.inertia_m2, self.size_m, friction)._replace(
+            rock=self.rock, ground=self.ground, facets=self.facets, lists=self.empty_lists(),
+            gravity_m_s2=self.load_m_s2(), step_s=step_s, pose=np.array([pose]),
         )  # fmt: skip
 
     def touching(self, pose: Array) -> Array:
@@ -228,19 +229,11 @@ class GroundedBody:
             nudge = Rotation.from_rotvec(_NUDGE_RAD * turn.axis)
             moved_m, attitude = turn.arm_m - nudge.apply(turn.arm_m), nudge * Rotation.from_quat(pose[3:])
             pose = np.concatenate([pose[:3] + moved_m, attitude.as_quat()])
-        if self.rolls_on_facets:
-            return self.rolled_to_rest(pose)
-        step_s = SETTLING_STEP * math.sqrt(self.size_m / self.gravity_m_s2)
-        sim = self.clockless(pose, step_s)
-        for _ in range(200):
-            settle(sim, self.load_m_s2(), 200, 1e-7 * self.size_m)
-            if self.stands(sim.pose[0]):
-                break
-        return sim.pose[0].copy()
+        return self.rolled_to_rest(pose) if self.rolls_on_facets else self.settled(pose, self.load_m_s2())
 
     def settled(self, pose: Array, load_m_s2: Array) -> Array:
         """The pose in which a rock comes to rest under a load without gathering speed."""
-        for step, sweeps in _ROLLING_STEPS if self.rolls_on_facets else ((SETTLING_STEP, 4000),):
+        for step, sweeps in _ROLLING_STEPS if self.rolls_on_facets else _SETTLING_STEPS:
             sim = self.clockless(pose, step * math.sqrt(self.size_m / self.gravity_m_s2))
             settle(sim, load_m_s2, sweeps, _NO_SLOPE * self.size_m)
             pose = sim.pose[0].copy()

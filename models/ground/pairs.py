@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from toppling.models.compiled import Array, Indices, Vector, inner
+from toppling.models.compiled import Array, Indices, Vector, compiled, inner
 from toppling.models.ground.boxes import next_near
 from toppling.models.ground.mesh import ContactMesh
 from toppling.models.ground.rigid import copy, dot, minus, plus, rotation_of, turned, turned_back
@@ -189,7 +189,7 @@ def look(pairs: Pairs, pose: Array) -> float:
     return lengths_m[WAY]
 
 
-@inner
+@compiled
 def moved_m(start: Array, end: Array, radius_m: float) -> float:
     """Way of the point that moved most of those within a radius of the centre of mass, at most."""
     offset = minus(end, start)
@@ -199,8 +199,10 @@ def moved_m(start: Array, end: Array, radius_m: float) -> float:
 @inner
 def _turned_m(start: Array, end: Array, radius_m: float) -> float:
     """Way of a point at a radius from one that stays, as the attitude changes, at most."""
-    cosine = abs(start[3] * end[3] + start[4] * end[4] + start[5] * end[5] + start[6] * end[6])
-    return 2.0 * math.sqrt(max(1.0 - cosine * cosine, 0.0)) * radius_m
+    same, opposite = 0.0, 0.0  # a quaternion and its opposite are one attitude
+    for k in range(3, 7):
+        same, opposite = same + (end[k] - start[k]) ** 2, opposite + (end[k] + start[k]) ** 2
+    return 2.0 * math.sqrt(min(same, opposite)) * radius_m
 
 
 _MORE = 1.2

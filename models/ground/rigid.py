@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from toppling.models.compiled import Array, Vector, inner
+from toppling.models.compiled import Array, Vector, compiled, inner
 
 
 @inner
@@ -73,6 +73,29 @@ def rotation_of(pose: Array, turn: Array) -> None:
     turn[0, 0], turn[0, 1], turn[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)
     turn[1, 0], turn[1, 1], turn[1, 2] = 2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)
     turn[2, 0], turn[2, 1], turn[2, 2] = 2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)
+
+
+@compiled
+def normal_in_body(pose: Array) -> Vector:
+    """The interface's normal in body axes, for a pose (7,)."""
+    x, y, z, w = pose[3], pose[4], pose[5], pose[6]
+    return 2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)
+
+
+@compiled
+def yaw_between(start: Array, end: Array) -> float:
+    """Turn about z, rad, from one pose (7,) to another: what is left of a rotation without the tilt."""
+    a, b, c, d = start[3], start[4], start[5], start[6]
+    x, y, z, w = end[3], end[4], end[5], end[6]
+    return 2.0 * math.atan2(d * z - c * w - b * x + a * y, d * w + a * x + b * y + c * z)
+
+
+@inner
+def kinetic_j_kg(turn: Array, inertia_m2: Array, velocity: Array) -> float:
+    """Kinetic energy per mass at a velocity (6,)."""
+    p, q, r = turned_back(turn, velocity[3:])
+    turning = inertia_m2[0] * p * p + inertia_m2[1] * q * q + inertia_m2[2] * r * r
+    return 0.5 * (square(velocity) + turning)
 
 
 @inner

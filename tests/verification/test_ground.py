@@ -336,11 +336,11 @@ def test_a_rounded_base_tips_on_a_surface_as_on_the_plane():
     arc = 0.65 * np.column_stack([np.sin(turn), 0.0 * turn, 1.0 - np.cos(turn)])
     across, outline = np.array([0.0, 0.25, 0.0]), np.vstack([arc, [[0.3, 0.0, 1.0], [-0.3, 0.0, 1.0]]])
     rocker = trimesh.Trimesh(np.vstack([outline - across, outline + across])).convex_hull
-    for shape, rel in (((rocker.vertices, rocker.faces), 1e-4), (round_cap(0.02), 1e-3)):
+    for shape in ((rocker.vertices, rocker.faces), round_cap(0.02)):
         plane, ground = Scene.from_mesh(shape), strips([(-6.0, 0.0), (6.0, 0.0)])
         on_surface = limits_on_surface(Scene.from_mesh(shape, pedestal=ground).grounded, azimuths)
         tipped = [limits.tips_m_s2 for limits in on_surface]
-        assert tipped == pytest.approx([tips for _, tips in plane.tips_m_s2(azimuths)], rel=rel)
+        assert tipped == pytest.approx([tips for _, tips in plane.tips_m_s2(azimuths)], rel=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -356,16 +356,28 @@ def test_a_rough_base_tips_on_a_surface_as_on_the_plane_however_fine_its_mesh(ha
     mesh.vertices[low, 2] += np.random.default_rng(4).uniform(0.0, rough_m, low.sum())
     for _ in range(finer):
         mesh = mesh.subdivide()
-    shape, azimuths = (mesh.vertices, mesh.faces), (0.0, 120.0, 200.0)[: 1 if halvings > 3 else 3]
+    # At 200 degrees two rests are as likely: slow ramps differ by 7 % among themselves.
+    shape, azimuths = (mesh.vertices, mesh.faces), (0.0, 120.0, 240.0)[: 1 if halvings > 3 else 3]
     plane = Scene.from_mesh(shape)
-    rolled = [tips for _, tips in quasi_static_toppling_m_s2(plane.rock, plane.pedestal, G, azimuths)]
+    exact = [tips for _, tips in quasi_static_toppling_m_s2(plane.rock, plane.pedestal, G, azimuths)]
     on_mesh = Scene.from_mesh(shape, pedestal=strips([(-6.0, -0.6), (6.0, -0.6)])).grounded
-    held, fallen = (
-        [limits.tips_m_s2 for limits in limits_on_surface(body, azimuths)]
-        for body in (on_mesh, plane.grounded)
-    )
-    assert held == pytest.approx(fallen, rel=0.002)
-    assert held == pytest.approx(rolled, rel=0.03)  # of a fall it knows the axes, and not the spin
+    held = [limits.tips_m_s2 for limits in limits_on_surface(on_mesh, azimuths)]
+    assert held == pytest.approx(exact, rel=0.002)
+
+
+@pytest.mark.parametrize(("seed", "azimuth_deg"), [(0, 0.0), (1, 200.0), (19, 200.0), (46, 70.0)])
+def test_a_rock_that_falls_onto_another_facet_of_its_base_topples_where_its_slow_ramp_does(seed, azimuth_deg):
+    """About edges alone, with what an impact on both leaves of the energy, these had stood 10 to 71 % too much."""
+    random = np.random.default_rng(seed)
+    count = int(random.integers(8, 20))
+    turn, away_m = random.uniform(0.0, 2.0 * np.pi, count), 0.4 * np.sqrt(random.uniform(0.0, 1.0, count))
+    base = np.column_stack([away_m * np.cos(turn), away_m * np.sin(turn), random.uniform(0.0, 0.04, count)])
+    top = [[x, y, 1.0] for x in (-0.4, 0.4) for y in (-0.4, 0.4)]
+    rock = trimesh.convex.convex_hull(np.vstack([base, top]))
+    scene = Scene.from_mesh((rock.vertices, rock.faces), friction=3.0)
+    ((_, least),) = scene.quasi_static_toppling_m_s2([azimuth_deg])
+    toppled = topples_at_m_s2(scene, azimuth_deg, [0.0, 900.0], [0.0, 1.2 * least])
+    assert least == pytest.approx(toppled, rel=0.01)  # the ramp goes on by half a per cent while it falls
 
 
 def with_wall(distance_m, height_m=1.0):

@@ -15,6 +15,7 @@ from toppling.models.caching import cached
 from toppling.models.compiled import Array, Indices
 from toppling.models.errors import InputError
 from toppling.models.ground.mesh import ContactMesh
+from toppling.models.ground.pairs import moved_m
 from toppling.models.ground.plane import FLAT_SHARE
 from toppling.models.ground.points import contact_of
 from toppling.models.ground.stepping import Grounded
@@ -23,9 +24,8 @@ from toppling.models.relief import contact_feet_m
 from toppling.models.scene import Scene
 from toppling.workers.engines.protocol import Steps
 from toppling.workers.problem import Problem
-from toppling.workers.quaternion import seated
+from toppling.workers.seating import seated
 from toppling.workers.stepping import Watch, take_steps
-from toppling.workers.termination import travel_m
 
 _FILLED_SHARE = 1e-3
 """Share of a piece's volume by which the hull of joined cells may exceed the cells."""
@@ -360,7 +360,7 @@ class MujocoSteps:
     def _is_slow(self, sim: Grounded, since: int) -> bool:
         """Whether the rock has hardly moved since a pose."""
         last = sim.counts[1]
-        path_m = travel_m(sim.pose[since], sim.pose[last], sim.size_m)
+        path_m = moved_m(sim.pose[since], sim.pose[last], sim.size_m)
         velocity = sim.velocity[last]
         speed_m_s = np.linalg.norm(velocity[:3]) + sim.size_m * np.linalg.norm(velocity[3:])
         slow = self._problem.rest_speed_m_s

@@ -24,8 +24,8 @@ from toppling.models.hidden_base.evidence import (
 from toppling.models.hidden_base.gap import Base, GapDraw, Underside, beyond_m, draw_gaps, encloses, resampled
 from toppling.models.hidden_base.inspection import Inspection
 from toppling.models.hidden_base.intervals import FEW_DISTINCT
-from toppling.models.hidden_base.observed import HiddenPart, hidden_part, reliefs
-from toppling.models.hidden_base.statics import BAND_PER_HEIGHT, DrawStatics, base_taken
+from toppling.models.hidden_base.observed import BAND_PER_HEIGHT, HiddenPart, hidden_part, reliefs
+from toppling.models.hidden_base.statics import DrawStatics, base_taken
 from toppling.models.hidden_base.unseen_base import BaseDraw, UnseenBase
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock

@@ -24,8 +24,6 @@ BEFORE = {FLAT: 0.2, ROUGH: 0.4, ROUNDED: 0.4}
 """How likely each kind is before anything was seen."""
 _EVIDENCE_SHARE = 0.15
 """Power to which the rim's likelihood is taken: errors of neighbouring places are not independent."""
-_LEAST_EVIDENCE = 0.3
-"""Ratio by which a rim tells a rough base from a rounded one at most: no base is quite of one kind."""
 _EDGE_PER_WIDTH, _EDGE_LENGTH_PER_WIDTH, _EDGE_ROUGH_PER_WIDTH = 0.008, 0.5, 0.0005
 """Edge of a flat base, over the root of its area: how high it is broken, over what length, and how rough it is."""
 _BOWL_PER_WIDTH = 0.05
@@ -89,6 +87,7 @@ def flat_draws(part: HiddenPart, base: Base, count: int) -> list[GapDraw]:
 def fractions_by_evidence(gaps: Sequence[GapDraw]) -> dict[str, float]:
     """How likely each kind is by the rim that was seen; their sum is 1.
 
+    The rim does not tell a rough base from a rounded one: the noise of its places decides which fits, not their shape.
     What a draw costs to be brought to stand is left out: a rim does not tell a flat base from one that is rough by less
     than it resolves, on which a rock stands at some cost. A kind without any candidate is impossible.
     """
@@ -97,8 +96,9 @@ def fractions_by_evidence(gaps: Sequence[GapDraw]) -> dict[str, float]:
     found = [name for name in KINDS if (kind == name).any()]
     evidence = [logsumexp(likelihood[kind == name]) - np.log((kind == name).sum()) for name in found]
     relative = _EVIDENCE_SHARE * (np.array(evidence) - np.max(evidence))
-    least = [-np.inf if name == FLAT else np.log(_LEAST_EVIDENCE) for name in found]
-    logs = np.maximum(relative, least) + np.log([BEFORE[name] for name in found])
+    bent = np.array([name != FLAT for name in found])
+    relative[bent] = relative[bent].max(initial=-np.inf)
+    logs = relative + np.log([BEFORE[name] for name in found])
     return dict(zip(found, np.exp(logs - logsumexp(logs)).tolist(), strict=True))
 
 

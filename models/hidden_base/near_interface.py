@@ -14,9 +14,11 @@ from toppling.models.scan.crevice import not_strays
 from toppling.models.scan.interface import SECTORS, sectors, widest_gap_deg
 from toppling.models.scan.surfels import NEIGHBOURS
 
-_RIMS_PER_HEIGHT, _ENOUGH = (0.06, 0.12, 0.24), 300
-"""Heights over the interface up to which the seen underside shapes the hidden one: the first with so many points, as a
-belly hides the foot of a rock that is round below."""
+_RIM_PER_HEIGHT, _OVER_PER_HEIGHT = 0.06, 0.24
+"""Heights over the interface up to which the seen underside shapes the hidden one: anywhere, and over what was seen of
+the pedestal, where the gap is known."""
+BESIDE_PER_HEIGHT, BESIDE_PER_GAP = 0.01, 0.3
+"""A rim was seen to its end where the pedestal was seen so near, plus so many times its gap."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,12 +44,15 @@ def near_the_interface(rock: Array, pedestal: Array, height_m: float) -> tuple[F
     height_m : float
         Height of the rock.
     """
-    for share in _RIMS_PER_HEIGHT:
-        low = rock[:, 2] < share * height_m
-        low[low] = not_strays(rock[low])
-        if low.sum() >= _ENOUGH:
-            break
-    return low, not_strays(pedestal, alone=6.0)
+    lit = not_strays(pedestal, alone=6.0)
+    low = rock[:, 2] < _OVER_PER_HEIGHT * height_m
+    low[low] = not_strays(rock[low])
+    high = np.flatnonzero(low & (rock[:, 2] > _RIM_PER_HEIGHT * height_m))
+    if lit.any():
+        away_m = cKDTree(pedestal[lit, :2]).query(rock[high, :2])[0]
+        high = high[away_m > BESIDE_PER_HEIGHT * height_m + BESIDE_PER_GAP * rock[high, 2]]
+    low[high] = False
+    return low, lit
 
 
 LEVELS = 24

@@ -18,7 +18,7 @@ from toppling.models.hidden_base.gap import (
     Underside,
 )
 from toppling.models.hidden_base.inspection import Inspection
-from toppling.models.hidden_base.near_interface import NearInterface
+from toppling.models.hidden_base.near_interface import BESIDE_PER_GAP, BESIDE_PER_HEIGHT, NearInterface
 from toppling.models.pedestal import Pedestal
 from toppling.models.relief import height_below
 from toppling.models.scan.crevice import depth_of_holes
@@ -39,8 +39,6 @@ _LEAST_STD_PER_SPACING = 0.02
 """Error of the gap below a level underside, which does not go on downward."""
 _SPACING_OVER = 15
 """Places of the rim over which the points' spacing is taken."""
-_BESIDE_PER_HEIGHT, _BESIDE_PER_GAP = 0.01, 0.3
-"""A rim was seen to its end where the pedestal was seen so near, plus so many times its gap."""
 _BELOW_GAPS, _BELOW_TO_GAPS, _BELOW_PER_HEIGHT = 1.2, 2.5, 0.006
 """A steep side that hangs may go on down: it ends where the pedestal was seen at least so many of its gaps farther in
 (looked for to so many gaps and twice this share of the height, this share to the sides)."""
@@ -72,6 +70,8 @@ _CURVATURE_PER_SHAPE = 8.0
 LEVEL_PER_WIDTH = 0.1
 _OUTLINE_STD_PER_HEIGHT = 0.0015
 """Error of the gap along an outline of the contact."""
+BAND_PER_HEIGHT = 0.15
+"""Clearance, over the rock's height, below which a draw's feet replace those of the scene's meshes."""
 _CLOSED_PER_HEIGHT = 1e-4
 """Least gap of what is known not to touch, however near it is."""
 _SHOWN_SHARE = 0.5
@@ -94,6 +94,7 @@ class HiddenPart:
     inspection: Inspection  # in the scene's frame; its places lie at the base
     side_m: Array  # (s, 3): what was seen of the rock beside the hidden area, u, v and its clearance
     free_m: Array  # (k,): the least gap that rays left where rock and pedestal are said to touch
+    beyond: Flags  # (shape): over land so far below the interface that a rock that tips does not meet it
     pedestal: Pedestal | None = None  # its surface around the rock; None: the interface
 
     @property
@@ -152,14 +153,15 @@ def hidden_part(
     inspected = interface.over(inspection.places_m)[:, :2]
     places = np.vstack([inner, rim.places_m, inspected])
     first = np.cumsum([len(inner), len(rim.gap_m), len(inspection.touching_m)])
-    floor = np.zeros(len(places))
+    floor, least_m = np.zeros(len(places)), LEAST_GAP_PER_HEIGHT * height_m
     least_gap = _least_gap(under).ravel()
     floor[: first[0]] = least_gap[grid.index(inner)]
+    floor[first[0] : first[1]] = least_m * under.apart.ravel()[grid.index(rim.places_m)]
     if inspection.touch_only:
         floor = np.maximum(floor, _CLOSED_PER_HEIGHT * height_m)
     touching = np.arange(first[1], first[2])
     floor[touching] = 0.0
-    floor[first[2] : first[2] + len(inspection.open_m)] = LEAST_GAP_PER_HEIGHT * height_m
+    floor[first[2] : first[2] + len(inspection.open_m)] = least_m
     observed = BaseObservation(
         places,
         np.arange(first[0], first[1]),
@@ -175,7 +177,12 @@ def hidden_part(
     adjacent = near.patches[~under.may_touch.ravel()[grid.index(near.patches)]]
     side = _smoothed(clearances(adjacent, interface, pedestal))
     free_m = least_gap[grid.index(places[touching])]
-    return HiddenPart(under, observed, width_m, len(inner), inspection, side, free_m, pedestal)
+    beyond = under.apart.copy()
+    if near.apart is not None and beyond.any():
+        land = near.apart[0][near.apart[0][:, 2] < 0.0]
+        below_m = -land[cKDTree(land[:, :2]).query(grid.nodes_m[beyond])[1], 2]
+        beyond[beyond] = below_m > BAND_PER_HEIGHT * height_m
+    return HiddenPart(under, observed, width_m, len(inner), inspection, side, free_m, beyond, pedestal)
 
 
 def clearances(places_m: Array, interface: Interface, pedestal: Pedestal | None) -> Array:
@@ -220,7 +227,7 @@ def _seen_rim(under: Underside, low: Array, lit: Array, height_m: float) -> Rim:
     drop, slope, adjacent = _drop_below(rim, lit)
     gap = rim[:, 2] + drop
     hangs = np.maximum(gap, 0.0)
-    to_its_end = adjacent < _BESIDE_PER_HEIGHT * height_m + _BESIDE_PER_GAP * hangs
+    to_its_end = adjacent < BESIDE_PER_HEIGHT * height_m + BESIDE_PER_GAP * hangs
     end_std, off_m, steep = _errors(rim, hangs, low)
     to_its_end[steep] &= _shows_below(under, rim[steep, :2], hangs[steep], shown, height_m)
     to_its_end |= ~steep  # a level underside that was seen is the underside there

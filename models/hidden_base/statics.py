@@ -13,7 +13,7 @@ from toppling.models.frames import STANDARD_GRAVITY_M_S2, horizontal_unit_vector
 from toppling.models.ground.facet_path import Seat
 from toppling.models.hidden_base.gap import Base, GapDraw
 from toppling.models.hidden_base.near_interface import SIDE_TANGENT
-from toppling.models.hidden_base.observed import HiddenPart, clearances
+from toppling.models.hidden_base.observed import BAND_PER_HEIGHT, HiddenPart, clearances
 from toppling.models.hidden_base.unseen_base import feet_above_m, least_feet
 from toppling.models.pedestal import ContactProperties, Pedestal
 from toppling.models.pivots import tips_m_s2
@@ -22,7 +22,6 @@ from toppling.models.scan.interface import Interface
 
 FRICTION = ContactProperties().friction_static
 """Friction of a scanned scene unless another is given."""
-BAND_PER_HEIGHT = 0.15
 FEET_PER_HEIGHT = 1e-4
 """Feet are left out while the hull of the others stays within this share of the height. With a larger one a rounded
 base is a polygon, on which a slender rock topples too late."""
@@ -97,16 +96,16 @@ def _outside_feet(rock: Rock, interface: Interface, part: HiddenPart, height_m: 
 
 
 def _low_feet(part: HiddenPart, gap: GapDraw, side: Array, height_m: float) -> Array:
-    """Feet of a draw (n, 3): its gaps, and the rock's side above its rim."""
+    """Feet of a draw (n, 3): its gaps, and the rock's side above its rim; none beyond the pedestal's edge."""
     places = np.column_stack([part.observed.places_m, gap.gap_m])
     unseen = part.under.side
     if unseen is not None:  # without what would lie below the side of a draw whose rim ends sooner
         side = side[side[:, 2] >= SIDE_TANGENT * unseen.beyond_m(side, gap.number)]
     rim = places[part.inner :]
-    if not len(rim) or not len(side):
-        return places
-    starts = rim[cKDTree(rim[:, :2]).query(side[:, :2])[1], 2] + _ABOVE_THE_RIM_PER_HEIGHT * height_m
-    return np.vstack([places, side[side[:, 2] > starts]])
+    if len(rim) and len(side):
+        starts = rim[cKDTree(rim[:, :2]).query(side[:, :2])[1], 2] + _ABOVE_THE_RIM_PER_HEIGHT * height_m
+        places = np.vstack([places, side[side[:, 2] > starts]])
+    return places[~part.beyond.ravel()[part.under.grid.index(places)]]
 
 
 def _hull_over(rock: Rock, interface: Interface) -> Array:

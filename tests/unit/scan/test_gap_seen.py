@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from patches import LEVEL, level
 
-from toppling.models.hidden_base.gap import Underside
+from toppling.models.hidden_base.gap import GapDraw, Underside
 from toppling.models.hidden_base.inspection import Inspection
-from toppling.models.hidden_base.near_interface import NearInterface
+from toppling.models.hidden_base.near_interface import NearInterface, near_the_interface
 from toppling.models.hidden_base.observed import UNSEEN_STD_SHARE, clearances, hidden_part
+from toppling.models.hidden_base.statics import _low_feet
 from toppling.models.pedestal import Pedestal
 from toppling.models.scan.crevice import seen_apart
 from toppling.models.scan.surfels import Surfels
@@ -108,3 +109,16 @@ def test_a_rock_touches_nothing_where_land_was_seen_far_below_a_gap_in_its_under
     touching, unknown = (np.abs(u.grid.nodes_m[u.may_touch]).max(axis=-1) for u in (under, without))
     assert touching.max() < 0.25
     assert unknown.min() > 0.35
+    part = hidden_part(under, NearInterface(slab, places[neck], HEIGHT_M, apart=apart), Inspection(), LEVEL)
+    observed = part.observed
+    assert (observed.floor_m[np.abs(observed.places_m).max(axis=1) > 0.25] > 0.0).all()
+    feet = _low_feet(part, GapDraw(0.0 * observed.floor_m, 0.0, 0), part.side_m, HEIGHT_M)
+    assert 0.1 < np.abs(feet[:, :2]).max() < 0.25  # of a rock that tips none is over the land either
+
+
+def test_a_side_seen_high_shapes_the_base_where_it_hangs_over_what_was_seen_of_the_pedestal(wall):
+    """Elsewhere it may go on down, behind plants or a wall."""
+    side, ground = wall + np.array([0.0, 0.0, 0.15]), ground_from(RADIUS_M - 0.1)
+    low, _ = near_the_interface(side, ground[ground[:, 0] > 0.0], HEIGHT_M)
+    assert low[(side[:, 0] > 0.05) & (side[:, 2] < 0.4)].all()
+    assert not low[side[:, 0] < -0.2].any()

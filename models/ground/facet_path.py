@@ -64,6 +64,10 @@ _LITTLE = 1e-4
 """Energy over g and the height of the centre of mass with which a rock comes to rest without turning about the normal:
 a tenth of it changes none by over .2 %, ten times as much 3 by up to 8 %."""
 
+_BEARS = 1e-4
+"""Acceleration over gravity that a rest after a fall bears beyond that at which the rock fell. A rock that rocks back
+to the balance that it fell from is at rest there, and would fall from it without end, turning by 1e-5 degrees."""
+
 _MOST_RESTS = 1200
 """Rests, at most, on the path of one azimuth."""
 
@@ -173,9 +177,11 @@ class Seat:
             acceleration = _next_rest(hull, gravity, push, left_m_s2, force, velocity)
             if acceleration == _OPEN:
                 self._falls(hull, force, velocity, gravity_m_s2)
+                least_m_s2 = left_m_s2 + _BEARS * gravity_m_s2
+                force = gravity + least_m_s2 * push
                 for tolerance_m in (_SEATED * self.tolerance_m, self.tolerance_m):
                     near = hull._replace(tolerance_m=tolerance_m)
-                    acceleration = _rest_near(near, gravity, push, force, left_m_s2)
+                    acceleration = _rest_near(near, gravity, push, force, least_m_s2)
         raise unfinished(azimuth_deg, _MOST_RESTS)
 
     def _falls(self, hull: Hull, force: Array, velocity: Array, gravity_m_s2: float) -> None:

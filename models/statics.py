@@ -117,11 +117,7 @@ def at_rest(rock: Rock, pedestal: Pedestal, gravity_m_s2: float) -> tuple[Array,
 
 
 def equilibrium_possible(
-    rock: Rock,
-    pedestal: Pedestal,
-    gravity_m_s2: float,
-    friction_static: float,
-    acceleration_m_s2: ArrayLike,
+    rock: Rock, pedestal: Pedestal, gravity_m_s2: float, friction_static: float, acceleration_m_s2: ArrayLike
 ) -> NDArray[np.bool_]:
     """Whether contact forces exist that keep the rock at rest under each ground acceleration.
 

@@ -547,6 +547,8 @@ def hidden_base(
     to_the_side = ndimage.binary_dilation(low_side, iterations=3)
     sheet = np.where(rests & (to_the_side if outline is None else outline), 0.0, sheet)
     sheet = np.where(hidden & ~rests, np.maximum(sheet, LEAST_GAP_PER_HEIGHT * height_m), sheet)
+    if (free := hidden & ~under.apart).any():  # it stands: where no part is seen to rest, the lowest does
+        sheet = sheet - sheet[free].min() * hidden
     return under.closed_by(sheet, height_m)
 
 

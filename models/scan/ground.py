@@ -23,7 +23,7 @@ from toppling.models.scan.crevice import Grid, cells_apart, grid_laplacian, grid
 from toppling.models.scan.interface import UPWARD, Interface, Planes, Sheet, reweighted_plane
 from toppling.models.scan.surfels import Surfels
 from toppling.models.scan.surroundings import Surroundings, few_triangles, is_ground
-from toppling.models.statics import CONTACT_SHARE_OF_HEIGHT, support_polygon_m
+from toppling.models.statics import CONTACT_SHARE_OF_HEIGHT, polygon, support_polygon_m
 
 _REACH_HEIGHTS = 0.6
 """How far beyond the rock's outline the pedestal is kept, in rock heights: a rock whose centre of mass
@@ -113,15 +113,15 @@ def _outline_m(rock: Rock, interface: Interface, height_m: float) -> Array:
     if interface.sheet is None:
         return support_polygon_m(rock, Pedestal(interface.point_m, interface.normal))
     resting = interface.over(rock.vertices_m)[:, 2] < CONTACT_SHARE_OF_HEIGHT * height_m
-    places = interface.flat(rock.vertices_m[resting])[:, :2]
-    corners = places[ConvexHull(places).vertices]
-    return interface.scene(np.column_stack([corners, np.zeros(len(corners))]) + interface.rise(corners))
+    places = interface.flat(rock.vertices_m[resting]) * [1.0, 1.0, 0.0]
+    corners = polygon(places, np.array([0.0, 0.0, 1.0]), CONTACT_SHARE_OF_HEIGHT * height_m)
+    return interface.scene(corners + interface.rise(corners))
 
 
-def _inside(nodes: Array, polygon: Array) -> Flags:
+def _inside(nodes: Array, ring: Array) -> Flags:
     from matplotlib.path import Path as Polygon
 
-    return Polygon(polygon).contains_points(nodes.reshape(-1, 2)).reshape(nodes.shape[:2])
+    return Polygon(ring).contains_points(nodes.reshape(-1, 2)).reshape(nodes.shape[:2])
 
 
 def _lower(flat: Array, top: Flags, nodes: Array, cell: float) -> Flags:

@@ -130,10 +130,9 @@ def with_unseen_range(
     """Refusal of a rock whose surface does not close, with what was split as the rock and where it was not seen."""
     blind_deg, toward_deg = unseen_range(observed, interface)
     x, y = np.median(observed.surfels.points_m[observed.patches, :2], axis=0) + origin_m[:2]
-    what = (
-        f"of what was split as the rock, {observed.height_m:.2g} m high about {x:.2f}, {y:.2f}, no side was seen over "
-        f"{blind_deg:.0f} degrees about {quadrant_of(toward_deg)}: {error.what}"
-    )
+    side = f"no side was seen over {blind_deg:.0f} degrees about {quadrant_of(toward_deg)}: "
+    rock = f"of what was split as the rock, {observed.height_m:.2g} m high about {x:.2f}, {y:.2f}, "
+    what = f"{rock}{side if blind_deg else ''}{error.what}"
     return InputError(**vars(error) | {"what": what})
 
 

@@ -132,7 +132,7 @@ def narrowed_by(parts: Mapping[str, float], scan: Mapping[str, Any]) -> str:
         return "More records would narrow the interval most."
     if not found:
         return "The base's part is of a drawn centre of mass and friction: measuring these would narrow it."
-    means = "a pull test, or touches and daylight seen along the crevice"
+    means = "touches and daylight seen along the crevice"
     if pull := narrowing_pull(found)[0]:
         means = f"{pull}, more than by one toward anywhere else"
     sentence = f"The base's part would be narrowed by {means} (toppling scan --again)."

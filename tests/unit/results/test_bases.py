@@ -84,7 +84,7 @@ def test_records_are_what_narrows_an_interval_only_where_their_part_is_the_large
     ("width", "named"),
     [
         (0.2, "a pull toward S60W, more than"),
-        (0.4, "a pull test, or touches"),  # no wider now
+        (0.4, "touches and daylight"),  # no wider now
     ],
 )
 def test_a_pull_is_named_where_it_is_expected_to_narrow_the_interval(width, named):

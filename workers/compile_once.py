@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
-import gc
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 from toppling.models.compiled import COMPLETE, FOLDER
 
@@ -29,22 +28,8 @@ def ensure_compiled(use_everything: Callable[[], object]) -> None:
             fcntl.flock(lock, fcntl.LOCK_EX)
         if not _is_compiled():
             sys.stderr.write("compiling for this machine, once: about a minute\n")
-            with _rare_collections():
-                use_everything()
+            use_everything()
             (FOLDER / COMPLETE).touch()
-
-
-@contextlib.contextmanager
-def _rare_collections() -> Iterator[None]:
-    """Compiling makes millions of objects that last: looking for garbage among them took a tenth of its time."""
-    before = gc.get_threshold()
-    gc.freeze()
-    gc.set_threshold(100_000, 50, 50)
-    try:
-        yield
-    finally:
-        gc.set_threshold(*before)
-        gc.unfreeze()
 
 
 def _is_compiled() -> bool:

@@ -68,34 +68,18 @@ _ROLLS, _ROLLED_DEG = 8, 0.5
 class GroundedBody:
     """A rock and the ground around it, support frame: origin in the interface plane, z its normal.
 
-    Parameters
-    ----------
-    rock : ContactMesh
-        In body axes: those of the principal inertia, from the centre of mass. What is smooth of a rounded base has
-        triangles, but no points and edges that touch.
-    rounded : Facets
-        The rounded base over the ground's facets.
-    ground : ContactMesh
-    inertia_m2 : (3,) array
-        Principal moments over mass.
-    pose : (7,) array
-        Of the scene: centre of mass, attitude as a quaternion x, y, z, w.
-    scene_from_support : (3, 3) array
-    size_m : float
-        R.
-    gravity_m_s2 : float
-    friction : (static, kinetic)
+    What is smooth of a rounded base has triangles in the rock's mesh, but no points and edges that touch.
     """
 
-    rock: ContactMesh
-    rounded: Facets
+    rock: ContactMesh  # body axes: those of the principal inertia, from the centre of mass
+    rounded: Facets  # the rounded base over the ground's facets
     ground: ContactMesh
-    inertia_m2: Array
-    pose: Array
-    scene_from_support: Array
-    size_m: float
+    inertia_m2: Array  # (3,): principal moments over mass
+    pose: Array  # (7,) of the scene: centre of mass, attitude as a quaternion x, y, z, w
+    scene_from_support: Array  # (3, 3)
+    size_m: float  # R
     gravity_m_s2: float
-    friction: tuple[float, float]
+    friction: tuple[float, float]  # static, kinetic
 
     @cached_property
     def farthest_m(self) -> float:

@@ -32,10 +32,13 @@ from toppling.models.ground.rigid import (
     copy,
     dot,
     kinetic_j_kg,
+    minus,
+    move,
     plus,
     rotation_of,
     square,
     turned,
+    turned_back,
 )
 from toppling.models.ground.stepping import Grounded, step, unmoved
 from toppling.models.pedestal import (
@@ -98,8 +101,9 @@ class Hull(NamedTuple):
     inertia_m2: Array  # (3,): principal moments over mass
     tolerance_m: float
     least_m: float  # height of the centre of mass below which it has fallen
-    com: Array  # (3,): in the pose
-    turn: Array  # (3, 3)
+    pose: Array  # (7,): centre of mass, attitude as a quaternion x, y, z, w
+    com: Array  # (3,): of the pose
+    turn: Array  # (3, 3): its rotation
     moved: Array  # (n, 3): points
     ring: Array  # (n, 2): counter-clockwise support polygon, or the one or two ends of the contact
     touching: Array  # (n, 2): places of contact
@@ -107,9 +111,9 @@ class Hull(NamedTuple):
 
 
 def _hull(points: Array, upright: Array, inertia_m2: Array, tolerance_m: float, least_m: float) -> Hull:
-    count = len(points)
+    count, pose = len(points), np.zeros(7)
     return Hull(
-        points, upright, inertia_m2, tolerance_m, least_m, np.zeros(3), np.eye(3), np.empty((count, 3)),
+        points, upright, inertia_m2, tolerance_m, least_m, pose, pose[:3], np.eye(3), np.empty((count, 3)),
         np.empty((count, 2)), np.empty((count, 2)), np.zeros(1, np.int64),
     )  # fmt: skip
 
@@ -161,10 +165,10 @@ class Seat:
 
         None where the first, in which the rock settles without speed, is not near the start.
         """
-        hull, axes = self._hull()
+        hull, start, axes = self._hull
         gravity = self.frame @ np.array([0.0, 0.0, -gravity_m_s2])
         push, velocity = -self.frame @ horizontal_unit_vector(azimuth_deg), np.zeros(6)
-        hull.com[:], hull.turn[:] = self.com, axes
+        hull.pose[:] = start
         acceleration = _rest_near(hull, gravity, push, gravity, 0.0)
         if np.linalg.norm(hull.com - self.com) > self.farthest_m:
             return
@@ -176,7 +180,10 @@ class Seat:
             left_m_s2, force = acceleration, gravity.copy()
             acceleration = _next_rest(hull, gravity, push, left_m_s2, force, velocity)
             if acceleration == _OPEN:
-                self._falls(hull, force, velocity, gravity_m_s2)
+                sim = falling_under(force, gravity_m_s2, self._falling)
+                sim.pose[0], sim.velocity[0], sim.counts[:] = hull.pose, velocity, 0
+                fall(sim, hull, self.frame[:, 2].copy(), np.inf, _LONGEST_FALL)
+                hull.pose[:] = sim.pose[0]
                 least_m_s2 = left_m_s2 + _BEARS * gravity_m_s2
                 force = gravity + least_m_s2 * push
                 for tolerance_m in (_SEATED * self.tolerance_m, self.tolerance_m):
@@ -184,26 +191,20 @@ class Seat:
                     acceleration = _rest_near(near, gravity, push, force, least_m_s2)
         raise unfinished(azimuth_deg, _MOST_RESTS)
 
-    def _falls(self, hull: Hull, force: Array, velocity: Array, gravity_m_s2: float) -> None:
-        """Let a rock go from its pose with a velocity (6,), by the steps of the shakes."""
-        sim = falling_under(force, gravity_m_s2, self._falling)
-        sim.pose[0] = np.concatenate([hull.com, Rotation.from_matrix(hull.turn).as_quat()])
-        sim.velocity[0], sim.counts[:] = velocity, 0
-        fall(sim, hull, self.frame[:, 2].copy(), np.inf, _LONGEST_FALL)
-        hull.com[:], hull.turn[:] = sim.pose[0, :3], Rotation.from_quat(sim.pose[0, 3:]).as_matrix()
-
-    def _hull(self) -> tuple[Hull, Array]:
-        """Hull, and its principal axes (columns) in the plane's frame at the start."""
+    @cached_property
+    def _hull(self) -> tuple[Hull, Array, Array]:
+        """Hull, its pose (7,) at the start, and its principal axes (columns) in the plane's frame then."""
         moments, axes = np.linalg.eigh(self.inertia_m2)
         axes[:, 0] *= np.sign(np.linalg.det(axes))
         points = np.ascontiguousarray((self.points - self.com) @ axes)
         least_m = (1.0 - TOPPLED_FALL) * self.com[2]
-        return _hull(points, axes[2].copy(), moments, self.tolerance_m, float(least_m)), axes
+        start = np.concatenate([self.com, Rotation.from_matrix(axes).as_quat()])
+        return _hull(points, axes[2].copy(), moments, self.tolerance_m, float(least_m)), start, axes
 
     @cached_property
     def _falling(self) -> Grounded:
         """The rock over the plane z = 0, to be let go."""
-        hull, _ = self._hull()
+        hull, *_ = self._hull
         away_m = np.linalg.norm(hull.points, axis=1)
         size_m, farthest_m = float(away_m[self.points[:, 2] <= self.com[2]].max()), float(away_m.max())
         over = plane_points(hull.points, np.zeros(len(hull.points), bool), ENDLESS, as_drawn=False)
@@ -258,13 +259,16 @@ def _is_caught(sim: Grounded, hull: Hull, pose: Array, velocity: Array) -> bool:
     """Whether a moving rock comes to rest on the facet of its hull that it touches with."""
     if sim.counts[0] < 3 or len(hull.points) == 0:
         return False
-    copy(pose[:3], hull.com)
+    force = sim.gravity_m_s2[0], sim.gravity_m_s2[1], sim.gravity_m_s2[2]
+    moving_j_kg = kinetic_j_kg(sim.work.turn, hull.inertia_m2, velocity)
+    if moving_j_kg > 1.1 * _LITTLE * math.sqrt(square(force)) * pose[2]:
+        return False
+    copy(pose, hull.pose)
     rotation_of(pose, hull.turn)
     _move(hull)
     _touch(hull)
-    force = sim.gravity_m_s2[0], sim.gravity_m_s2[1], sim.gravity_m_s2[2]
     over_facet_j_kg = -force[2] * (pose[2] - hull.com[2])
-    return _stays(hull, force, over_facet_j_kg + kinetic_j_kg(hull.turn, hull.inertia_m2, velocity))
+    return _stays(hull, force, over_facet_j_kg + moving_j_kg)
 
 
 @inner
@@ -322,6 +326,7 @@ def _rest_near(hull: Hull, gravity: Array, push: Array, force: Array, least_m_s2
     topples.
     """
     weight, lowest = (force[0], force[1], force[2]), np.inf
+    rotation_of(hull.pose, hull.turn)
     _move(hull)
     _touch(hull)
     while weight[2] < 0.0 and _is_open(hull):
@@ -431,22 +436,11 @@ def _landing(hull: Hull, about: _Turn) -> float:
 @inner
 def _roll(hull: Hull, about: _Turn, angle: float) -> None:
     """Turn about an edge or vertex."""
-    pivot, out = about
-    sine, versed = math.sin(angle), 1.0 - math.cos(angle)
-    i, j, turn, com = -out[1], out[0], hull.turn, hull.com  # axis of rotation
-    rows = (
-        (1.0 - versed * j * j, versed * i * j, sine * j),
-        (versed * i * j, 1.0 - versed * i * i, -sine * i),
-        (-sine * j, sine * i, 1.0 - versed),
-    )
-    arm = com[0] - pivot[0], com[1] - pivot[1], com[2]
-    com[0], com[1], com[2] = pivot[0] + dot(rows[0], arm), pivot[1] + dot(rows[1], arm), dot(rows[2], arm)
-    for k in range(3):
-        turn[0, k], turn[1, k], turn[2, k] = (
-            dot(rows[0], turn[:, k]),
-            dot(rows[1], turn[:, k]),
-            dot(rows[2], turn[:, k]),
-        )
+    pivot, out = (about.pivot[0], about.pivot[1], 0.0), about.out
+    arm = turned_back(hull.turn, minus(pivot, hull.com))
+    move(hull.pose, (0.0, 0.0, 0.0, -out[1], out[0], 0.0), angle)
+    rotation_of(hull.pose, hull.turn)
+    hull.com[0], hull.com[1], hull.com[2] = minus(pivot, turned(hull.turn, arm))
     _move(hull)
 
 

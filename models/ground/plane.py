@@ -160,18 +160,10 @@ def plane_contacts(
 
 @dataclass(frozen=True)
 class GroundKind:
-    """Kind of ground below a rock: the interface plane, or a surface.
+    """Kind of ground below a rock: the interface plane, or a surface."""
 
-    Parameters
-    ----------
-    is_plane : bool
-        Whether it is the interface plane; where it slides to, its position tells.
-    why : str
-        In words, for plans and pages.
-    """
-
-    is_plane: bool
-    why: str
+    is_plane: bool  # where it stands; where it slides to, its position tells
+    why: str  # in words, for plans and pages
 
     @property
     def sentence(self) -> str:

@@ -13,9 +13,9 @@ import pandas as pd
 
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
+from toppling.orchestrator.advice import estimate
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cluster import local
-from toppling.orchestrator.pilot import estimate
 from toppling.orchestrator.plan import plan
 from toppling.orchestrator.run import run
 

@@ -47,12 +47,11 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.motion import Motion
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
-from toppling.orchestrator.answers import Asked
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cluster import load_defaults
 from toppling.orchestrator.context import RunProgress, Work
 from toppling.orchestrator.dispatch import FIRST_JOBS, Batch, Dispatch
-from toppling.orchestrator.execution import Execution, budget_s, room_for
+from toppling.orchestrator.execution import Asked, Execution, budget_s, room_for
 from toppling.orchestrator.plan import Plan, balanced_order, plan_of, taking_turns
 from toppling.orchestrator.run_folder import prepare
 from toppling.orchestrator.task import ROCKS_CACHED, RunKey, versions

@@ -14,14 +14,13 @@ from distributed import Client, Status
 from distributed.security import Security
 
 from toppling.models.errors import InputError, UsageError, optional_module
-from toppling.orchestrator.code_identity import KERNEL_VARIABLES
 from toppling.orchestrator.dask_cluster import BACK_WITHIN_S, CLOSED, let_resize
 from toppling.orchestrator.interrupt import signals_blocked, uninterrupted
 from toppling.orchestrator.local_workers import LocalWorkers
 from toppling.orchestrator.processes import VARIABLE, safe_for_children
 from toppling.orchestrator.run_folder import KEY_FOLDERS
 from toppling.orchestrator.session_key import write_key
-from toppling.orchestrator.task import warn_of_no_cache
+from toppling.orchestrator.task import KERNEL_VARIABLES, warn_of_no_cache
 from toppling.workers.compile_once import compile_apart
 
 log = logging.getLogger(__name__)

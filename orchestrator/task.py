@@ -1,7 +1,11 @@
-"""Tasks of a worker: compile, load a run's scene and ensemble once, then shake job after job."""
+"""Tasks of a worker: compile, load a run's scene and ensemble once, then shake job after job.
+
+Their answers depend on the code, which has a hash, and in the last bit on the processor, which is identified.
+"""
 
 import asyncio
 import faulthandler
+import hashlib
 import logging
 import math
 import os
@@ -10,24 +14,28 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from functools import lru_cache
+from functools import cache, lru_cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+import llvmlite.binding
 import numpy as np
 import pyarrow as pa
+import scipy.linalg  # noqa: F401  (loads SciPy's own BLAS, whose threads are counted too)
 from distributed import get_worker
+from threadpoolctl import threadpool_info, threadpool_limits
 
+import toppling.models
+import toppling.workers
 from toppling.models.compiled import COMPLETE, FOLDER
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
-from toppling.orchestrator.code_identity import code, processor, single_blas_thread
 from toppling.orchestrator.delivery import StorageError, delivered, forget
 from toppling.orchestrator.leaving import LEAVING
 from toppling.results.store import table_of
@@ -35,6 +43,63 @@ from toppling.workers.engines import DEFAULT, ENGINES
 from toppling.workers.job import Assets, JobSpec, identity, run_job
 from toppling.workers.options import PHYSICS_VERSION
 from toppling.workers.shaking import compile_once, shake
+
+_ROOMS = tuple(Path(room.__path__[0]) for room in (toppling.models, toppling.workers))
+_NOT_OF_SHAKES = ("scan", "motions/formats")
+"""Folders of `models` that only make scenes and records, which have their own hashes."""
+
+SOURCES = {
+    f"{room.name}/{path.relative_to(room)}": path.read_bytes()
+    for room in _ROOMS
+    for path in room.rglob("*.py")
+    if not any(path.is_relative_to(room / folder) for folder in _NOT_OF_SHAKES)
+}
+"""Sources at the start of this process: files edited later differ from the loaded code."""
+
+
+@cache
+def code() -> str:
+    """Hash of all code that determines results."""
+    digest = hashlib.blake2b(digest_size=8)
+    for name, source in sorted(SOURCES.items()):
+        digest.update(name.encode() + hashlib.blake2b(source).digest())
+    return digest.hexdigest()
+
+
+KERNEL_VARIABLES = ("OPENBLAS_CORETYPE", "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES")
+"""Environment variables that select kernels; set before the program starts, they apply to all its child processes."""
+
+
+@cache
+def processor() -> dict[str, str]:
+    """Columns of a row that identify the processor's model and the kernels of BLAS and LLVM."""
+    llvm = os.environ.get("NUMBA_CPU_NAME") or llvmlite.binding.get_host_cpu_name()
+    return {"cpu": _model(), "kernels": f"BLAS {_blas_kernel()}, LLVM {llvm}"}
+
+
+def _model() -> str:
+    with suppress(OSError):
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines():
+            name, _, value = line.partition(":")
+            if name.strip() == "model name":
+                return value.strip()
+    return platform.processor() or platform.machine()
+
+
+def single_blas_thread() -> None:
+    """Limit BLAS to one thread in this process: several may sum in a different order."""
+    threadpool_limits(1, user_api="blas")
+
+
+def _blas_kernel() -> str:
+    """Kernel selected by NumPy's OpenBLAS, or the name of another BLAS library."""
+    loaded = [library for library in threadpool_info() if library["user_api"] == "blas"]
+    for library in sorted(loaded, key=lambda library: "numpy.libs" not in library["filepath"]):
+        return str(library.get("architecture") or library["internal_api"])
+    with suppress(KeyError, TypeError):  # a library unknown to threadpoolctl, such as Apple's
+        return str(np.show_config(mode="dicts")["Build Dependencies"]["blas"]["name"])
+    return "unknown"
+
 
 log = logging.getLogger(__name__)
 

@@ -26,9 +26,9 @@ if TYPE_CHECKING:
     from toppling.orchestrator.campaign import Campaign as Campaign
     from toppling.orchestrator.public.constraining import Dates as Dates
     from toppling.orchestrator.public.constraining import constrain as constrain
-    from toppling.orchestrator.public.fragility_figures import fragility as fragility
     from toppling.orchestrator.public.making import scan as scan
     from toppling.orchestrator.public.making import scan_again as scan_again
+    from toppling.orchestrator.public.reporting import fragility as fragility
     from toppling.orchestrator.public.reporting import query as query
     from toppling.orchestrator.public.reporting import report as report
     from toppling.orchestrator.public.running import plan as plan
@@ -56,7 +56,7 @@ _HOMES = {
     "Unmeasured": "toppling.workers.unmeasured",
     "check": "toppling.orchestrator.studies.seismograms",
     "constrain": "toppling.orchestrator.public.constraining",
-    "fragility": "toppling.orchestrator.public.fragility_figures",
+    "fragility": "toppling.orchestrator.public.reporting",
     "open_run": "toppling.results.reader",
     "plan": "toppling.orchestrator.public.running",
     "query": "toppling.orchestrator.public.reporting",

@@ -1,29 +1,214 @@
-"""Interactive scan: a thread computes the results of the latest hints, which can be queried and saved."""
+"""Interactive scan: a thread has a process compute the results of the latest hints, which can be queried and saved."""
 
 import contextlib
 import dataclasses
+import multiprocessing
 import tempfile
 import threading
 import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
+from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
+from toppling.models.hidden_base.inspection import Inspection
 from toppling.models.lengths import METRES
+from toppling.models.scan.candidates import find_candidates, surfels_of
 from toppling.models.scan.hints_file import KINDS
+from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scan.placement import Placement
 from toppling.models.scan.read import Cloud
+from toppling.models.scan.register import Registered, registered
 from toppling.models.scan.surfels import picked
-from toppling.models.scan.survey import CachedScan, Survey
-from toppling.orchestrator.pick import apart
-from toppling.orchestrator.pick.apart import Apart, EndedError
-from toppling.orchestrator.pick.user_hints import UserHints, answer_shown, detail, tops, view_of
+from toppling.models.scan.survey import CachedScan, Survey, work_out
+from toppling.models.scene import Scene
+from toppling.orchestrator.interrupt import signals_blocked
+from toppling.orchestrator.pick.user_hints import UserHints, View, answer_shown, detail, tops, view_of
+from toppling.orchestrator.processes import without_working_folder
+
+
+class EndedError(Exception):
+    """The process was ended deliberately."""
+
+
+class Apart:
+    """Process, started when needed, that executes one function call at a time."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._process: Any = None
+        self._line: Any = None
+        self._over = False
+
+    def do(self, note: Callable[[str], None], function: Callable[..., Any], *arguments: Any) -> Any:
+        """Call `function(*arguments, note)` in the process; an exception of `note` here stops it at its next note.
+
+        Raises EndedError once `end` was called.
+        Raises InputError if the process died, such as by lack of memory.
+        Raises Exception: exceptions of the function.
+        """
+        line = self._started()
+        stopped: BaseException | None = None
+        try:
+            line.send((function, arguments))
+            while (answer := line.recv())[0] == "note":
+                try:
+                    note(answer[1])
+                except Exception as error:
+                    stopped = error
+                line.send(stopped is None)
+        except (EOFError, OSError):
+            self._died()
+        if stopped is not None:
+            raise stopped
+        kind, content = answer
+        if kind == "raised":
+            raise content
+        return content
+
+    def end(self) -> None:
+        """End the process immediately and permanently, from any thread."""
+        with self._lock:
+            self._over = True
+            if self._process is not None:
+                self._process.kill()
+
+    def _started(self) -> Connection:
+        with self._lock:
+            if self._over:
+                raise EndedError
+            if self._process is None:
+                spawn = multiprocessing.get_context("spawn")
+                self._line, there = spawn.Pipe()
+                self._process = spawn.Process(target=_serve, args=(there,), daemon=True)
+                with without_working_folder(), signals_blocked():
+                    self._process.start()
+                there.close()
+            return self._line
+
+    def _died(self) -> NoReturn:
+        with self._lock:
+            if self._over:
+                raise EndedError from None
+            self._process.join()
+            code, self._process = self._process.exitcode, None
+        raise InputError(
+            "pick.process_died",
+            f"the process that works the scan out has died (exit code {code})",
+            where="the scan",
+            expected="enough memory for this cloud",
+            remedy="end other programs, or crop the cloud to the rock and its pedestal",
+        ) from None
+
+
+class _StoppedError(Exception):
+    """The result is no longer needed."""
+
+
+def _serve(line: Connection) -> None:
+    """Execute calls until the connection is closed."""
+
+    def note(stage: str) -> None:
+        line.send(("note", stage))
+        if not line.recv():
+            raise _StoppedError
+
+    with contextlib.suppress(EOFError, OSError):
+        while True:
+            function, arguments = line.recv()
+            try:
+                answer = "done", function(*arguments, note)
+            except InputError as error:
+                answer = "raised", error
+            except _StoppedError:
+                answer = "done", None
+            except Exception as error:
+                traceback.print_exception(error)
+                answer = "raised", RuntimeError(f"{type(error).__name__}: {error}")
+            line.send(answer)
+
+
+_Note = Callable[[str], None]
+
+_KNOWN: dict[Path, Registered] = {}
+"""Registered cloud of this process, by its folder."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stored:
+    """Cloud whose arrays are files, memory-mapped by all processes, so that they are in memory once."""
+
+    folder: Path
+    rest: Cloud
+
+    @classmethod
+    def of(cls, cloud: Cloud, folder: Path) -> "Stored":
+        """Write a cloud to a new folder."""
+        folder.mkdir()
+        for name in ("points_m", "station", "label"):
+            if (values := getattr(cloud, name)) is not None:
+                np.save(folder / f"{name}.npy", values)
+        none = cloud.points_m[:0]
+        return cls(folder, dataclasses.replace(cloud, points_m=none, station=cloud.station[:0], label=None))
+
+    def cloud(self) -> Cloud:
+        """The memory-mapped cloud."""
+        arrays: dict[str, Any] = {
+            path.stem: np.asarray(np.load(path, mmap_mode="r")) for path in self.folder.glob("*.npy")
+        }
+        return dataclasses.replace(self.rest, **arrays)
+
+
+def split(
+    stored: Stored,
+    near_m: tuple[float, float] | None,
+    hint: InterfaceHint | None,
+    inspection: Inspection,
+    number: int,
+    note: _Note,
+) -> tuple[Stored, CachedScan, NDArray[np.int8], tuple[str, ...], View]:
+    """Register (once) and split a cloud; returns the registered cloud, results, labels, notes, and numbered view."""
+    cloud = _cloud(stored, note)
+    result, label, notes = work_out(cloud, note, near_m, hint, inspection)
+    note("showing the rock")
+    moved = Stored(stored.folder / "registered", stored.rest)
+    fitted = moved if moved.folder.exists() else stored
+    return fitted, result, label, notes, view_of(cloud.cloud.points_m, label, number)
+
+
+def _cloud(stored: Stored, note: _Note) -> Registered:
+    if stored.folder not in _KNOWN:
+        note("registering stations")
+        read = stored.cloud()
+        _KNOWN.clear()
+        fitted = registered(read)
+        if fitted.cloud is not read:
+            mapped = Stored.of(fitted.cloud, stored.folder / "registered")
+            fitted = dataclasses.replace(fitted, cloud=mapped.cloud())
+        _KNOWN[stored.folder] = fitted
+    return _KNOWN[stored.folder]
+
+
+def draw(result: CachedScan, note: _Note) -> tuple[Scene, CachedScan]:
+    """Draw the hidden base."""
+    note("drawing the hidden base")
+    return result.scene()
+
+
+def look_around(stored: Stored, _: _Note) -> list[dict[str, Any]]:
+    """Rocks in a cloud."""
+    points = stored.cloud().points_m
+    return [
+        {"top_m": candidate.top_m.tolist(), "height_m": candidate.height_m}
+        for candidate in find_candidates(points, surfels_of(points))
+    ]
+
 
 _Read = Callable[[UserHints], "Placed"]
 _Write = Callable[[Survey, UserHints], None]
@@ -91,7 +276,7 @@ class Picking:
         self._placed_by = None if placed.refused else user_hints.of_the_cloud
         self._apart = Apart()
         self._folder = tempfile.TemporaryDirectory(prefix="toppling-pick-")
-        self._stored: apart.Stored | None = None
+        self._stored: Stored | None = None
         self._error: dict[str, str] | None = None
         self._stage = "reading"
         self._changed = threading.Condition()
@@ -192,7 +377,7 @@ class Picking:
                 if self._candidates is None:  # rocks in the cloud, if the scan failed to find them
                     self._set(_stage="looking for what stands there")
                     with contextlib.suppress(EndedError):
-                        found = self._apart.do(lambda _: None, apart.look_around, self._cloud_apart())
+                        found = self._apart.do(lambda _: None, look_around, self._cloud_apart())
                         self._set(_candidates=found, _stage="")
 
     def _follow(self, user_hints: UserHints) -> None:
@@ -206,7 +391,7 @@ class Picking:
             answer = self._split(user_hints)
         if user_hints not in self._drawn:
             result = dataclasses.replace(answer.cached, inspection=inspection)
-            scene, cached = self._apart.do(self._note, apart.draw, result)
+            scene, cached = self._apart.do(self._note, draw, result)
             survey = Survey(scene, answer.label, answer.notes, cached)
             self._drawn[user_hints] = Answer(user_hints, cached, answer.label, answer.notes, survey)
         self._set(_answer=self._drawn[user_hints])
@@ -224,7 +409,7 @@ class Picking:
         near = None if user_hints.near is None else (user_hints.near[0], user_hints.near[1])
         hints = near, user_hints.hint(), user_hints.inspection()
         registered, result, label, notes, view = self._apart.do(
-            self._note, apart.split, self._cloud_apart(), *hints, self.view.number + 1
+            self._note, split, self._cloud_apart(), *hints, self.view.number + 1
         )
         self._placed = dataclasses.replace(self._placed, cloud=registered.cloud())
         answer = Answer(user_hints, result, label, notes)
@@ -232,11 +417,11 @@ class Picking:
         self._set(_answer=answer, view=view, _candidates=self._candidates or tops(result))
         return answer
 
-    def _cloud_apart(self) -> apart.Stored:
+    def _cloud_apart(self) -> Stored:
         """Cloud stored for the other process."""
         if self._stored is None:
             folder = Path(self._folder.name) / str(self.view.number)
-            self._stored = apart.Stored.of(self._placed.cloud, folder)
+            self._stored = Stored.of(self._placed.cloud, folder)
             self._placed = dataclasses.replace(self._placed, cloud=self._stored.cloud())
         return self._stored
 

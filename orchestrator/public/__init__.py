@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-__all__ = ["constraining", "fragility_figures", "making", "reporting", "rocks", "running", "unseen"]
+__all__ = ["constraining", "making", "reporting", "rocks", "running", "unseen"]
 
 
 def unseen(*_: Any, **__: Any) -> None:

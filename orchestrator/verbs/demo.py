@@ -103,7 +103,7 @@ def _plan(out: Path, workers: int, seconds: float) -> None:
     """Write the largest campaign that should finish in time, estimated from a few trial jobs."""
     from toppling.models.motions.ensemble import Ensemble
     from toppling.models.scene import Scene
-    from toppling.orchestrator.pilot import statics_of, try_out
+    from toppling.orchestrator.advice import statics_of, try_out
 
     shared.compile_first()
     scene, ensemble = Scene.load(out / "scene"), Ensemble.load(out / "ensemble")

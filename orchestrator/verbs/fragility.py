@@ -16,9 +16,9 @@ from toppling.results.reader import Run, open_run
 from toppling.results.weights import sentences
 
 if TYPE_CHECKING:
-    from toppling.orchestrator.public.fragility_figures import Fragility
+    from toppling.orchestrator.public.reporting import Fragility
 
-_DRAW = "public.fragility_figures.fragility"
+_DRAW = "public.reporting.fragility"
 
 
 @click.command()
@@ -50,7 +50,7 @@ def fragility(run: Path, out: Path | None, **asked: Any) -> None:
     toppling fragility runs/first --fit
     toppling fragility runs/first --where "ground_accelerates_toward_deg between 292.5 and 337.5" --out figures
     """
-    from toppling.orchestrator.public.fragility_figures import fragility as draw
+    from toppling.orchestrator.public.reporting import fragility as draw
 
     opened = open_run(run)
     if opened.rocks:

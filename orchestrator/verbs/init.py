@@ -17,8 +17,8 @@ from toppling.orchestrator.verbs import shared_options as shared
 from toppling.orchestrator.verbs.shared_options import option
 
 if TYPE_CHECKING:
+    from toppling.orchestrator.advice import Pilot, Statics
     from toppling.orchestrator.campaign import Campaign
-    from toppling.orchestrator.pilot import Pilot, Statics
     from toppling.workers.job import Assets
 
 
@@ -54,8 +54,8 @@ def init(
     from toppling.models.motions.ensemble import Ensemble
     from toppling.models.pedestal import ContactProperties
     from toppling.models.scene import Scene
+    from toppling.orchestrator.advice import RECORDS, levels_to_try, statics_of, try_out
     from toppling.orchestrator.campaign import Campaign
-    from toppling.orchestrator.pilot import RECORDS, levels_to_try, statics_of, try_out
     from toppling.orchestrator.rocks_of_run import Settlings
     from toppling.workers.job import Assets
 

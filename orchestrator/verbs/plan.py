@@ -33,7 +33,7 @@ def plan(campaign: Path, table: Path | None, no_estimate: bool, as_json: bool) -
     from toppling.orchestrator.campaign import Campaign
 
     chosen = Campaign.read(campaign)  # an invalid campaign is refused before slow imports
-    from toppling.orchestrator.pilot import estimate, words_of
+    from toppling.orchestrator.advice import estimate, words_of
     from toppling.orchestrator.public.running import plan as expand
     from toppling.orchestrator.terminal import bar
 

@@ -148,7 +148,7 @@ def specification(run: Path, job: str) -> "tuple[JobSpec, str]":
 
 def _possible_cause(kernels: str | None) -> str:
     """Possible cause of a different answer: another version, or another machine."""
-    from toppling.orchestrator.code_identity import processor
+    from toppling.orchestrator.task import processor
 
     here = processor()["kernels"]
     remark = "see 'versions' in run.json: the run may come from another version or machine"
@@ -158,7 +158,7 @@ def _possible_cause(kernels: str | None) -> str:
 
 
 def _difference(name: str, was: object, now: object) -> str:
-    from toppling.orchestrator.answers import SAME_NUMBER
+    from toppling.orchestrator.execution import SAME_NUMBER
 
     if isinstance(was, float) and isinstance(now, float):
         same = math.isclose(was, now, rel_tol=SAME_NUMBER, abs_tol=SAME_NUMBER)

@@ -12,7 +12,6 @@ import pandas as pd
 from toppling.models.files.documents import finite
 from toppling.results.analysis.lognormal import ends
 from toppling.results.hazard.ages import Exposure
-from toppling.results.hazard.curves import HazardCurve
 from toppling.results.hazard.events import Standing
 from toppling.results.hazard.places import distance_km
 from toppling.results.hazard.survival import (
@@ -23,7 +22,7 @@ from toppling.results.hazard.survival import (
     together,
     unexceeded,
 )
-from toppling.results.hazard.tree import HazardTree, sources
+from toppling.results.hazard.tree import HazardCurve, HazardTree, sources
 from toppling.results.hazard.update import Update
 
 

@@ -25,10 +25,9 @@ from toppling.results.drawing.style import (
     plain_log,
     style,
 )
-from toppling.results.hazard.curves import HazardCurve, bearing
 from toppling.results.hazard.magnitudes import MotionGrid
 from toppling.results.hazard.places import FaultTrace
-from toppling.results.hazard.tree import Branch
+from toppling.results.hazard.tree import Branch, HazardCurve, bearing
 from toppling.results.hazard.update import Update
 
 _LEAST_RATE = 3e-7

@@ -15,5 +15,5 @@ reported with the result (`unstated_fractions`):
 """
 
 __all__ = [
-    "ages", "curves", "events", "gmm", "magnitudes", "measure_names", "places", "survival", "tree", "update",
+    "ages", "events", "gmm", "magnitudes", "measure_names", "places", "survival", "tree", "update",
 ]  # fmt: skip

@@ -14,8 +14,7 @@ from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.results.analysis.lognormal import STEPS, Lognormal, Surface
 from toppling.results.hazard.ages import Since
-from toppling.results.hazard.curves import HazardCurve, events_of_curves
-from toppling.results.hazard.tree import HazardTree
+from toppling.results.hazard.tree import HazardCurve, HazardTree, events_of_curves
 
 MEAN = "mean hazard"
 

@@ -26,8 +26,8 @@ from toppling.models.errors import InputError
 from toppling.results.analysis.lognormal import Lognormal, Surface, ends
 from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.hazard.ages import AS_NOW, LESS_FRAGILE, Exposure
-from toppling.results.hazard.curves import HazardCurve, continued, events_of_curves
 from toppling.results.hazard.events import EventSet, Fragility, Group, Motions, Standing
+from toppling.results.hazard.tree import HazardCurve, continued, events_of_curves
 
 _LEAST_LOGARITHM = math.log(math.ulp(0.0))
 """Smallest finite logarithm of a survival probability: its exp underflows to 0."""

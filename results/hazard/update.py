@@ -21,14 +21,6 @@ from toppling.models.files.table import plain
 from toppling.results.analysis import FEW
 from toppling.results.analysis.lognormal import ends
 from toppling.results.hazard.ages import Exposure
-from toppling.results.hazard.curves import (
-    HazardCurve,
-    annual_rate_of,
-    bearing,
-    continued,
-    intensity_at,
-    probability_of,
-)
 from toppling.results.hazard.events import MEAN, EventSet, Standing, events_of_tree
 from toppling.results.hazard.measure_names import UNSCALED, imt_of
 from toppling.results.hazard.survival import (
@@ -45,12 +37,18 @@ from toppling.results.hazard.survival import (
 from toppling.results.hazard.tree import (
     FRACTILES,
     Branch,
+    HazardCurve,
     HazardTree,
     Statistics,
+    annual_rate_of,
+    bearing,
     branch_weights,
     common_levels,
+    continued,
     drawn_weights,
+    intensity_at,
     level_choices,
+    probability_of,
     same_levels,
     statistics,
     statistics_of,

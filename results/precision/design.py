@@ -16,8 +16,8 @@ from toppling.models.files.digest import read_json, write_json
 from toppling.results.analysis import HEADLINE_MEASURE
 from toppling.results.analysis.lognormal import Lognormal, parts_words
 from toppling.results.analysis.resampling import BaseSpread, spread_of
-from toppling.results.hazard.curves import HazardCurve
 from toppling.results.hazard.survival import toppling_rate
+from toppling.results.hazard.tree import HazardCurve
 from toppling.results.precision import STATEMENT_FILE
 from toppling.results.precision.probit import Answers, Curve, Departure, departure, fit_curve
 from toppling.results.run_integrity import check_plan_id

@@ -14,10 +14,9 @@ from scipy.stats import norm
 from toppling.results.analysis.lognormal import Lognormal, ends, fit
 from toppling.results.analysis.resampling import bootstrap
 from toppling.results.hazard.ages import exposure, joint_ages
-from toppling.results.hazard.curves import HazardCurve
 from toppling.results.hazard.events import EventBranch, EventSet, EventSite, Standing
 from toppling.results.hazard.survival import draws_of, survivals, toppling_rate
-from toppling.results.hazard.tree import branch_weights, weighted_fractile
+from toppling.results.hazard.tree import HazardCurve, branch_weights, weighted_fractile
 
 SITES = 500
 BRANCHES = 201

@@ -15,10 +15,9 @@ from toppling.models.errors import InputError, refusals
 from toppling.models.files.documents import listed
 from toppling.models.files.table import Table, is_numeral
 from toppling.models.motions.formats.units import unit_of
-from toppling.results.hazard.curves import HazardCurve, curve_of
 from toppling.results.hazard.measure_names import measure_of, quantity_of
 from toppling.results.hazard.places import Place, distance_km, nearest, of_name, same_place
-from toppling.results.hazard.tree import Branch, HazardTree
+from toppling.results.hazard.tree import Branch, HazardCurve, HazardTree, curve_of
 
 _EXPECTED = (
     "CSV with the columns MEASURE,annual_rate or MEASURE,return_period or MEASURE,probability_50_years (MEASURE: "

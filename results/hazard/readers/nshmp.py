@@ -18,9 +18,9 @@ from toppling.models.files.given import LONGEST_NAME
 from toppling.models.files.table import is_numeral
 from toppling.models.motions.formats.units import unit_of
 from toppling.models.motions.selection import nshmp_root
-from toppling.results.hazard.curves import HazardCurve
 from toppling.results.hazard.measure_names import imt_of, measure_of, quantity_of
 from toppling.results.hazard.readers.assembly import HazardFile, Statement, refuse, refused
+from toppling.results.hazard.tree import HazardCurve
 
 _NAMES = {"Longitude": "lon", "Latitude": "lat", "Site Name": "name"}
 """OpenSHA's names of the columns, and nshmp-haz's."""

@@ -20,11 +20,11 @@ from toppling.orchestrator.advice import (
     LevelCount,
     shaking_warnings,
     suggestions,
+    try_out,
     warnings_of,
 )
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cli import cli
-from toppling.orchestrator.pilot import try_out
 from toppling.orchestrator.verbs.init import levels_between
 
 BLOCK = Scene.block(0.2, 0.2, 0.6)

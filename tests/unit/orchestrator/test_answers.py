@@ -12,7 +12,7 @@ from small_campaigns import planned_in
 from toppling.models.hidden_base.unseen_base import BaseDraw, UnseenBase
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
-from toppling.orchestrator.answers import Asked
+from toppling.orchestrator.execution import Asked
 from toppling.orchestrator.task import lost_row
 from toppling.results.schema import LIMITS, SCHEMA
 from toppling.results.store import table_of

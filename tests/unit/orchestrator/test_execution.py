@@ -15,10 +15,9 @@ from hypothesis import strategies as st
 from small_campaigns import planned_in
 
 from toppling.orchestrator import execution
-from toppling.orchestrator.answers import Asked
 from toppling.orchestrator.context import RunError, RunProgress, Work
 from toppling.orchestrator.dispatch import Limits
-from toppling.orchestrator.execution import Execution, work_off
+from toppling.orchestrator.execution import Asked, Execution, work_off
 from toppling.orchestrator.journal import journal
 from toppling.results.store import finished_ids, newest_rows, result_files
 

@@ -8,7 +8,7 @@ import time
 import pytest
 
 from toppling.models.errors import InputError
-from toppling.orchestrator.pick.apart import Apart, EndedError
+from toppling.orchestrator.pick.picking import Apart, EndedError
 
 HELD_S = 2
 

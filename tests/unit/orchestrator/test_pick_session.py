@@ -12,7 +12,6 @@ from toppling.models.errors import InputError
 from toppling.models.scan.placement import AXES, Placement, placement_of
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.register import Registered
-from toppling.orchestrator.pick import apart
 from toppling.orchestrator.pick import picking as picking_module
 from toppling.orchestrator.pick.picking import Picking, Placed
 from toppling.orchestrator.pick.user_hints import UserHints, View
@@ -65,16 +64,15 @@ def work(monkeypatch):
 
     made.read = read
     monkeypatch.setattr(picking_module, "Apart", Here)
-    monkeypatch.setattr(apart, "work_out", work_out)
-    monkeypatch.setattr(apart, "registered", lambda cloud: Registered(cloud, {}, cloud.bounds_m))
-    for module in (picking_module, apart):
-        monkeypatch.setattr(
-            module, "view_of", lambda points, label, number: View(number, (3, 0), (1.0, 1.0), b"")
-        )
+    monkeypatch.setattr(picking_module, "work_out", work_out)
+    monkeypatch.setattr(picking_module, "registered", lambda cloud: Registered(cloud, {}, cloud.bounds_m))
+    monkeypatch.setattr(
+        picking_module, "view_of", lambda points, label, number: View(number, (3, 0), (1.0, 1.0), b"")
+    )
     monkeypatch.setattr(picking_module, "tops", lambda worked: [])
     monkeypatch.setattr(picking_module, "answer_shown", lambda survey, worked: {"near": worked.near})
-    monkeypatch.setattr(apart, "find_candidates", lambda points, surfels: [])
-    monkeypatch.setattr(apart, "surfels_of", lambda points: None)
+    monkeypatch.setattr(picking_module, "find_candidates", lambda points, surfels: [])
+    monkeypatch.setattr(picking_module, "surfels_of", lambda points: None)
     monkeypatch.setattr(FakeResult, "scene", scene, raising=False)
     return made
 

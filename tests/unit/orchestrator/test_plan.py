@@ -22,14 +22,13 @@ import toppling.models
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.imposing import impose
 from toppling.models.scene import Scene
-from toppling.orchestrator import code_identity
+from toppling.orchestrator.advice import timed_jobs
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cli import cli
-from toppling.orchestrator.code_identity import SOURCES, code
-from toppling.orchestrator.pilot import timed_jobs
 from toppling.orchestrator.plan import JOBS_OF_A_SCENE, balanced_order, block_jobs, plan, plan_of
 from toppling.orchestrator.run import run
 from toppling.orchestrator.run_folder import place_in, prepare
+from toppling.orchestrator.task import SOURCES, code
 from toppling.results.run_integrity import run_document
 from toppling.workers.unmeasured import Unmeasured
 
@@ -235,9 +234,7 @@ def test_every_module_that_a_shake_loads_is_part_of_the_identity_of_the_code():
 
 
 def test_a_run_goes_on_when_only_what_makes_scenes_or_reads_records_has_changed():
-    assert not [
-        name for name in code_identity.SOURCES if name.startswith(("models/scan/", "models/motions/formats/"))
-    ]
+    assert not [name for name in SOURCES if name.startswith(("models/scan/", "models/motions/formats/"))]
 
 
 RECORD, SCENE, LEVEL, AZIMUTH = range(4)

@@ -15,7 +15,7 @@ from small_campaigns import run_in
 
 from toppling.models.files.digest import write_table
 from toppling.models.motions.quality import is_beyond
-from toppling.orchestrator.public.fragility_figures import Fragility
+from toppling.orchestrator.public.reporting import Fragility
 from toppling.results.analysis.fits import answered
 from toppling.results.analysis.fragility import (
     PLANES,

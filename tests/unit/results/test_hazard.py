@@ -9,10 +9,9 @@ from hypothesis import strategies as st
 
 from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.hazard.ages import exposure, joint_ages, parse_age
-from toppling.results.hazard.curves import NODES_PER_E_FOLD, HazardCurve, continued
 from toppling.results.hazard.events import Standing
 from toppling.results.hazard.survival import inconsistent_rate, toppling_rate, unexceeded, unstated_fractions
-from toppling.results.hazard.tree import Branch, HazardTree
+from toppling.results.hazard.tree import NODES_PER_E_FOLD, Branch, HazardCurve, HazardTree, continued
 from toppling.results.hazard.update import Update
 
 

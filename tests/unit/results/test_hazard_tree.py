@@ -8,12 +8,19 @@ from hazard_samples import LEVELS, PLACES, RATE_AT_1, WEIGHTS, branch_poes, logi
 
 from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.hazard.ages import exposure, joint_ages, parse_age
-from toppling.results.hazard.curves import HazardCurve, curve_of, probability_of
 from toppling.results.hazard.events import Standing
 from toppling.results.hazard.readers import read_hazard
 from toppling.results.hazard.readers.assembly import chosen_tree
 from toppling.results.hazard.survival import toppling_rate
-from toppling.results.hazard.tree import Branch, HazardTree, branch_weights, statistics
+from toppling.results.hazard.tree import (
+    Branch,
+    HazardCurve,
+    HazardTree,
+    branch_weights,
+    curve_of,
+    probability_of,
+    statistics,
+)
 from toppling.results.hazard.update import Update
 
 G = 9.80665

@@ -8,9 +8,9 @@ from refusals import refused
 from scipy.stats import norm
 
 from toppling.results.analysis.lognormal import Lognormal, Surface
-from toppling.results.hazard.curves import HazardCurve
 from toppling.results.hazard.events import SCATTERS, Standing, joint_rate
 from toppling.results.hazard.survival import any_topples, topples
+from toppling.results.hazard.tree import HazardCurve
 
 PGA, PGV = "pga_m_s2", "pgv_m_s"
 RHO = 0.733

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import norm
 
-from toppling.results.hazard.curves import HazardCurve
+from toppling.results.hazard.tree import HazardCurve
 from toppling.results.precision import design
 from toppling.results.precision.design import FIRST_ROUND, Rounds, Target, Verdict, choose, estimate
 from toppling.results.precision.probit import Answers, fit_curve

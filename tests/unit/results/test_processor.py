@@ -5,7 +5,7 @@ import re
 import subprocess
 import sys
 
-from toppling.orchestrator.code_identity import processor
+from toppling.orchestrator.task import processor
 from toppling.results.schema import SCHEMA, describe
 
 
@@ -20,7 +20,7 @@ def test_the_processor_and_its_kernels_are_known_here_and_no_part_of_an_answer()
 
 def test_another_kernel_of_blas_is_seen():
     """And the processor that code is made for is told rather than the one here."""
-    program = "from toppling.orchestrator.code_identity import processor; print(processor()['kernels'])"
+    program = "from toppling.orchestrator.task import processor; print(processor()['kernels'])"
     env = {"OPENBLAS_CORETYPE": "Haswell", "NUMBA_CPU_NAME": "generic"}
     asked = [sys.executable, "-P", "-c", program]
     done = subprocess.run(asked, env=env, capture_output=True, text=True, check=True)
@@ -30,7 +30,7 @@ def test_another_kernel_of_blas_is_seen():
 def test_a_worker_computes_with_one_thread_however_it_was_started():
     program = """
 from threadpoolctl import threadpool_info
-from toppling.orchestrator.code_identity import single_blas_thread
+from toppling.orchestrator.task import single_blas_thread
 before = {one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas"}
 single_blas_thread()
 print(*before, *(one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas"))

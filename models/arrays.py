@@ -30,16 +30,14 @@ def inside_box(rows: Array, low: Array, high: Array) -> Flags:
     return inside
 
 
-def inside_cylinder(
-    points: Array, axis: Array, radius: float, lowest: float, at_once: int = 100_000
-) -> Indices:
+def inside_cylinder(points: Array, axis: Array, radius: float, lowest: float) -> Indices:
     """Indices of the points (n, 3) nearer to a vertical axis (2,) than a radius, and above a level.
 
     Evaluated in blocks, whose intermediate results stay in the cache.
     """
     found = [np.zeros(0, np.int64)]
-    for first in range(0, len(points), at_once):
-        x, y, z = points[first : first + at_once].T
+    for first in range(0, len(points), AT_ONCE // 2):
+        x, y, z = points[first : first + AT_ONCE // 2].T
         near = (x - axis[0]) ** 2 + (y - axis[1]) ** 2 < radius**2
         found.append(first + np.flatnonzero(near & (z > lowest)))
     return np.concatenate(found)

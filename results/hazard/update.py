@@ -545,22 +545,14 @@ def write_openquake(update: Update, folder: Path, ratio: float = 1.0) -> Iterato
             statistics_of(levels, at_site, weights, tree.years if tree else None)
             for at_site in rates.swapaxes(0, 1)
         ]
-        kinds = _kinds(numbers, rates, np.array([statistics.mean for statistics in after]), {
-            q: np.array([statistics.fractiles[q] for statistics in after]) for q in FRACTILES
-        })  # fmt: skip
+        kinds = {f"rlz-{number:03}": rate for number, rate in zip(numbers, rates, strict=True)}
+        kinds["mean"] = np.array([statistics.mean for statistics in after])
+        for q in FRACTILES:
+            kinds[f"quantile-{q:g}"] = np.array([statistics.fractiles[q] for statistics in after])
         own = levels if measure in UNSCALED else levels / ratio
         curves.append(_Curves(measure, own, sites, kinds))
     years = (tree and tree.years) or _YEARS
     yield from _write(folder, dict(zip(numbers, paths, strict=True)), weights, curves, years)
-
-
-def _kinds(
-    numbers: Sequence[int], rates: Array, mean: Array,
-    fractiles: Mapping[float, Array],
-) -> dict[str, Array]:  # fmt: skip
-    """Rates (sites, levels) by OpenQuake's name of their kind of curve."""
-    kinds = {f"rlz-{number:03}": rate for number, rate in zip(numbers, rates, strict=True)}
-    return kinds | {"mean": mean} | {f"quantile-{q:g}": rate for q, rate in fractiles.items()}
 
 
 def _write(

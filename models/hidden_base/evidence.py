@@ -39,8 +39,6 @@ _ROUNDED_PER_WIDTH = (
 _ROUNDED_ROUGH_PER_WIDTH = 0.002
 _ROUNDED_SLOPE = 0.05
 """Standard deviation of a rounded base's slope: where its weight is decided how it lies, and not its shape."""
-_CLOSED_STDS = 2.0
-"""A rim that hangs by fewer standard deviations of its error may be closed."""
 
 
 def bowls(width_m: float) -> list[Relief]:
@@ -74,8 +72,7 @@ def flat_draws(part: HiddenPart, base: Base, count: int) -> list[GapDraw]:
         ROUGH_LENGTH_PER_WIDTH * width_m,
     )
     gap_m = np.maximum(base.grid.at(base.height_m, seen.places_m) + seen.means_m[-1], seen.floor_m)
-    closed = seen.gap_m < _CLOSED_STDS * np.hypot(seen.std_m, seen.shared_m)
-    gap_m[seen.known[closed]] = 0.0
+    gap_m[seen.known[seen.floor_m[seen.known] <= 0.0]] = 0.0
     gap_m[seen.touching] = 0.0
     likelihood = flat_log_likelihood(seen, edge)
     return [

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
-from scipy.linalg import block_diag, cho_factor, cho_solve, cholesky
+from scipy.linalg import block_diag, cho_factor, cho_solve, cholesky, eigh
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 from scipy.spatial.distance import cdist
 from scipy.special import ndtr
@@ -30,6 +30,8 @@ _TOUCHING_SHARE = 1e-6
 
 _TOUCHING_PER_SHAPE = 1e-3
 """Error of a gap that is known to be closed, over the shape's deviation."""
+_SCALES = np.geomspace(1.0, 1e3, 61)
+"""Factors on a prior's covariance that are tried."""
 
 
 @dataclass(frozen=True)
@@ -200,6 +202,7 @@ def _conditioned(
     """
     prior = relief.covariance(observed.places_m)
     prior[np.diag_indices_from(prior)] += _JITTER * relief.level_m**2
+    prior *= _scale(observed, prior[np.ix_(observed.known, observed.known)])
     of_field, of_errors = random.spawn(2)
     mean = np.arange(count) % len(observed.means_m)
     free = cholesky(prior, lower=True) @ of_field.normal(size=(len(prior), count)) + observed.means_m[mean].T
@@ -216,6 +219,23 @@ def _conditioned(
     covariance = prior - cross @ cho_solve(factor, cross.T)
     likelihood = _rim_log_likelihood(observed, observed.means_m, prior[np.ix_(known, known)], touching_m)
     return fields.T, covariance, likelihood[mean]
+
+
+def _scale(observed: BaseObservation, prior: Array) -> float:
+    """Factor on a prior's covariance at the rim (m, m), at least 1, with which what was seen there is likeliest.
+
+    Between the legs of a rock, and below a round one, the gap differs by more than the base's width tells: fields of a
+    stiffer prior would pass below the gap that was seen.
+    """
+    if not len(prior):
+        return 1.0
+    errors, off_m = _rim_errors(observed), observed.gap_m - observed.means_m[:, observed.known]
+    noise = errors @ errors.T
+    noise[np.diag_indices_from(noise)] += _JITTER * prior.max()
+    variance, modes = eigh(prior, noise)
+    total = 1.0 + _SCALES[:, None] * variance.clip(0.0)
+    misfit = np.log(total).sum(axis=1)[:, None] + (1.0 / total) @ (off_m @ modes).T ** 2
+    return float(_SCALES[misfit.min(axis=1).argmin()])
 
 
 def flat_log_likelihood(observed: BaseObservation, edge: Relief) -> float:
@@ -239,6 +259,7 @@ def foretold_gaps(observed: BaseObservation, reliefs: Sequence[Relief]) -> tuple
     found = []
     for relief in reliefs:
         prior = relief.covariance(observed.places_m[np.concatenate([rim, touching])])
+        prior *= _scale(observed, prior[own, own])
         gain = cho_solve(
             cho_factor(prior[own, own] + errors @ errors.T, lower=True), prior[own, len(rim) :]
         ).T
@@ -462,7 +483,7 @@ class Underside:
         apart_m = float(np.median(cKDTree(low).query(at_most(low, 5000), 5)[0][:, 4]))
         across_m = float(np.ptp(low[:, :2], axis=0).max())
         cell = max(height_m / CELLS_PER_HEIGHT, 0.5 * apart_m, across_m / _MOST_CELLS_ACROSS)
-        if lattice_m and cell > height_m / CELLS_PER_HEIGHT:
+        if lattice_m:
             cell = lattice_m / max(1, round(lattice_m / cell))
         first, last = low[:, :2].min(axis=0) - 6 * cell, low[:, :2].max(axis=0) + 6 * cell
         side = None if hint is not None and hint.encloses else UnseenSide.of(low, led_down=near.led_down)
@@ -547,7 +568,8 @@ def hidden_base(
     to_the_side = ndimage.binary_dilation(low_side, iterations=3)
     sheet = np.where(rests & (to_the_side if outline is None else outline), 0.0, sheet)
     sheet = np.where(hidden & ~rests, np.maximum(sheet, LEAST_GAP_PER_HEIGHT * height_m), sheet)
-    if (free := hidden & ~under.apart).any():  # it stands: where no part is seen to rest, the lowest does
+    free = _largest(hidden & ~under.apart)
+    if free.any():  # the rock stands: where nothing is seen to rest, the lowest does
         sheet = sheet - sheet[free].min() * hidden
     return under.closed_by(sheet, height_m)
 
@@ -555,7 +577,7 @@ def hidden_base(
 def _within_rim(seen: Flags, apart: Flags) -> Flags:
     """Cells within the seen rim, whose gaps (a wall stood before them) are bridged as far as is needed.
 
-    apart: where the rock was seen to touch nothing, which makes no part of them the larger.
+    apart: where the rock was seen to touch nothing; a hole of the seen underside that lies there is none of the base.
     """
     hull = ConvexHull(np.argwhere(seen)).volume
     for reach in _CLOSING_CELLS:
@@ -563,7 +585,8 @@ def _within_rim(seen: Flags, apart: Flags) -> Flags:
         thick = ndimage.binary_dilation(np.pad(seen, reach), iterations=reach)
         filled = ndimage.binary_erosion(ndimage.binary_fill_holes(thick), iterations=reach)
         hidden = filled[reach:-reach, reach:-reach] & ~seen
-        hidden = _largest(ndimage.binary_opening(hidden, iterations=3), ~apart)
+        parts, free = (ndimage.binary_opening(cells, iterations=3) for cells in (hidden, hidden & ~apart))
+        hidden = ndimage.binary_propagation(free, mask=parts)
         if hidden.sum() > _LEAST_BASE_SHARE * hull:
             break
     return hidden
@@ -602,11 +625,10 @@ def _feet(grid: Grid, seen: Flags, shown: Flags) -> Flags:
     return ndimage.binary_opening(inside & ~seen & ~shown, iterations=2)
 
 
-def _largest(mask: Flags, counts: Flags | None = None) -> Flags:
-    """Keep the largest connected part, by the cells that count."""
+def _largest(mask: Flags) -> Flags:
+    """Keep the largest connected part."""
     parts, count = ndimage.label(mask)
-    weight = None if counts is None else counts.ravel()
-    return parts == 1 + np.argmax(np.bincount(parts.ravel(), weight)[1:]) if count else mask
+    return parts == 1 + np.argmax(np.bincount(parts.ravel())[1:]) if count else mask
 
 
 def _deepest(depth: Array, hidden: Flags) -> Flags:

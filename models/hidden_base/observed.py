@@ -45,13 +45,15 @@ _BELOW_GAPS, _BELOW_TO_GAPS, _BELOW_PER_HEIGHT = 1.2, 2.5, 0.006
 _STEEP = 0.7
 """Horizontal part of a side's normal from which it may go on down, as a level underside does not."""
 UNSEEN_STD_SHARE = 0.3
-"""Spread of the gap below a rim that was not seen to its end about half of its height, over that height."""
+"""Spread of a gap about the middle of the range in which it may lie, over that range."""
+_CLOSED_STDS = 2.0
+"""A rim that hangs by fewer standard deviations of its error may be closed; others do not touch."""
 _FLATTEST_RAY = 0.07
 """Tangent over the pedestal of the flattest ray (4 degrees) that lights it below a rock."""
 _NEIGHBOURS, _OF_SIDE = 5, 6
 """Points by which the pedestal, and a rock's side, are known at a place; the place's own point is one of them."""
 _FARTHER_OUT = 8
-"""So many times these points reach to where the pedestal's slope is taken."""
+"""So many times these points tell the pedestal's slope and relief."""
 _SMOOTHED_OVER = 10
 """Patches of a rock's side in whose plane each of them is taken."""
 _RIM_BORDER = 3.0
@@ -116,6 +118,11 @@ class Rim:
     drop_m: Array  # (k,): of the pedestal below the interface
     inward_m: Array  # (k,): over which it rises again to the interface, as it does farther out
 
+    @property
+    def least_m(self) -> Array:
+        """Least gap (k,) within the errors of what was seen; below 0 where the rim may be closed."""
+        return self.gap_m - _CLOSED_STDS * np.hypot(self.std_m, self.shared_m)
+
     def drop_at_m(self, places_m: Array) -> Array:
         """How far (n,) the pedestal has dropped from the interface at places (n, 2), as at the nearest of the rim."""
         if not len(self.drop_m):
@@ -156,7 +163,9 @@ def hidden_part(
     floor, least_m = np.zeros(len(places)), LEAST_GAP_PER_HEIGHT * height_m
     least_gap = _least_gap(under).ravel()
     floor[: first[0]] = least_gap[grid.index(inner)]
-    floor[first[0] : first[1]] = least_m * under.apart.ravel()[grid.index(rim.places_m)]
+    floor[first[0] : first[1]] = np.maximum(
+        least_m * under.apart.ravel()[grid.index(rim.places_m)], rim.least_m
+    )
     if inspection.touch_only:
         floor = np.maximum(floor, _CLOSED_PER_HEIGHT * height_m)
     touching = np.arange(first[1], first[2])
@@ -224,23 +233,24 @@ def _seen_rim(under: Underside, low: Array, lit: Array, height_m: float) -> Rim:
     rim = _lowest_points(under, low)
     rim = rim[_spread(rim[:, :2], _MOST_RIM)]
     shown = cKDTree(lit[:, :2])
-    drop, slope, adjacent = _drop_below(rim, lit)
+    drop, drop_std, slope, adjacent = _drop_below(rim, lit)
     gap = rim[:, 2] + drop
     hangs = np.maximum(gap, 0.0)
     to_its_end = adjacent < BESIDE_PER_HEIGHT * height_m + BESIDE_PER_GAP * hangs
     end_std, off_m, steep = _errors(rim, hangs, low)
     to_its_end[steep] &= _shows_below(under, rim[steep, :2], hangs[steep], shown, height_m)
     to_its_end |= ~steep  # a level underside that was seen is the underside there
-    ground_std = np.sqrt((slope**2).mean()) * np.where(np.isfinite(adjacent), adjacent, 0.0)
-    std = np.hypot(np.hypot(end_std, off_m), ground_std)
+    std = np.hypot(np.hypot(end_std, off_m), drop_std)
     shared = np.full(len(rim), np.sqrt((end_std[to_its_end] ** 2).mean()) if to_its_end.any() else 0.0)
     # A rim that was not seen to its end goes down no farther than to the interface, or from below it to the pedestal.
     goes_on = np.where(rim[:, 2] > 0.0, np.minimum(rim[:, 2], hangs), hangs)
+    # What stands above the interface beside the rock may be soil or plants, over a pedestal that lies in the interface.
+    buried = np.maximum(-drop, 0.0)
     half_unseen = np.maximum(UNSEEN_STD_SHARE * goes_on, std)
     return Rim(
         rim[:, :2],
-        np.where(to_its_end, gap, gap - 0.5 * goes_on),
-        np.where(to_its_end, std, half_unseen),
+        np.where(to_its_end, gap, gap - 0.5 * goes_on) + 0.5 * buried,
+        np.hypot(np.where(to_its_end, std, half_unseen), UNSEEN_STD_SHARE * buried),
         np.where(to_its_end, shared, half_unseen),
         to_its_end.astype(np.intp),
         drop,
@@ -258,18 +268,23 @@ def _smoothed(places: Array) -> Array:
     return places - ((places - middle) * normal).sum(axis=1)[:, None] * normal
 
 
-def _drop_below(places: Array, lit: Array) -> tuple[Array, Array, Array]:
+def _drop_below(places: Array, lit: Array) -> tuple[Array, Array, Array, Array]:
     """How far (k,) below the interface the pedestal lies that shows nearest to each of some places (k, 3).
 
-    Second, its slope (k,) against the interface, between there and farther out. Third, how far (k,) it shows from each.
+    Second, the standard deviation (k,) of that: what shows lies so far off a plane, as rubble and grass do, and
+    slopes. Third, its slope (k,) against the interface. Fourth, how far (k,) it shows from each.
     """
     if len(lit) < _NEIGHBOURS * _FARTHER_OUT or not len(places):
-        return np.zeros(len(places)), np.zeros(len(places)), np.full(len(places), np.inf)
+        return (*np.zeros((3, len(places))), np.full(len(places), np.inf))
     away, nearest = cKDTree(lit[:, :2]).query(places[:, :2], _NEIGHBOURS * _FARTHER_OUT)
-    rings = (slice(_NEIGHBOURS), slice(-_NEIGHBOURS, None))
-    near_m, far_m = (lit[nearest[:, ring], 2].mean(axis=1) for ring in rings)
-    near_away_m, far_away_m = (away[:, ring].mean(axis=1) for ring in rings)
-    return -near_m, np.abs(far_m - near_m) / (far_away_m - near_away_m), away[:, 0]
+    around = np.dstack([lit[nearest, :2] - places[:, None, :2], np.ones(nearest.shape)])
+    heights_m = lit[nearest, 2:]
+    plane = np.linalg.pinv(around) @ heights_m
+    off_m = (heights_m - around @ plane)[:, :, 0]
+    relief_m = np.sqrt((off_m**2).sum(axis=1) / (off_m.shape[1] - plane.shape[1]))
+    slope = np.linalg.norm(plane[:, :2, 0], axis=1)
+    drop_m = -heights_m[:, :_NEIGHBOURS, 0].mean(axis=1)
+    return drop_m, np.hypot(relief_m, slope * away[:, 0]), slope, away[:, 0]
 
 
 def _shows_below(under: Underside, places: Array, hangs: Array, shown: cKDTree, height_m: float) -> Flags:

@@ -57,6 +57,13 @@ def test_a_base_whose_rim_was_seen_to_hang_all_around_rests_at_its_lowest():
     assert base.height_m[base.hidden].min() == 0.0
 
 
+def test_every_hole_of_an_underside_that_was_seen_may_touch():
+    underside, holes = level(0.6, SPACING_M, 0.02), np.array([(0.3, 0.3), (-0.4, 0.0), (0.1, -0.4)])
+    away = np.linalg.norm(underside[:, None, :2] - holes, axis=2).min(axis=1)
+    base = hidden_base(NearInterface(underside[away > 0.1], level(0.9, SPACING_M), HEIGHT_M))
+    assert base.grid.at(base.hidden, holes) == pytest.approx(1.0)
+
+
 def test_scattered_strays_below_the_rock_change_nothing_away_from_them():
     strays = np.column_stack([np.full(11, 0.25), np.linspace(-0.3, 0.3, 11), np.zeros(11)])
     base = hidden_base(NearInterface(side(), np.vstack([ground_around(), strays]), HEIGHT_M))
@@ -134,13 +141,10 @@ def test_a_rim_seen_as_a_single_row_of_points_encloses_the_base_however_wide_it_
     assert max(under.grid.shape) < 430  # or the base of a squat rock would take minutes
 
 
-NEAR, FAR = 0.0, -1e4
-
-
-@pytest.mark.parametrize(("rough", "rounded"), [(NEAR, FAR), (FAR, NEAR)])
+@pytest.mark.parametrize(("rough", "rounded"), [(0.0, -1e4), (-1e4, 0.0)])
 def test_a_rim_does_not_tell_a_rough_base_from_a_rounded_one(rough, rounded):
     """Their priors miss some bases: one is 1e4 units of likelihood away, and keeps its share of the weight."""
-    likelihood = {"flat": FAR, "rough": rough, "rounded": rounded}
+    likelihood = {"flat": -1e4, "rough": rough, "rounded": rounded}
     gaps = [GapDraw(np.zeros(3), value, 0, kind, value) for kind, value in likelihood.items()]
     assert fractions_by_evidence(gaps) == pytest.approx({"flat": 0.0, "rough": 0.5, "rounded": 0.5})
 

@@ -149,10 +149,11 @@ def audit(work: Work, count: int, auditors: Sequence[_Auditor] | None = None) ->
             run_integrity.write_jobs(target, part.jobs, planned.id)
             pending = part.pending(store.finished_ids(target))
             what = f"auditing with {auditor.name}"
-            progress = RunProgress(len(part), len(part) - len(pending), what=what)
+            progress = RunProgress(len(part), len(part) - len(pending), what, deaths=work.progress.deaths)
             log_event("audit began", by=auditor.name, jobs=len(part), done=progress.before)
             again = dataclasses.replace(work, planned=part, progress=progress, redo={}, store=target)
             Execution(again, pending)()
+            work.progress.deaths = progress.deaths
             if store.result_files(target):
                 store.compact(target)
             log_event("audit ended", by=auditor.name, **progress.summary())

@@ -59,7 +59,8 @@ def constraint_figure(constraint: Constraint) -> Figure:
             _draw_named(axes, branches, verdicts, shown)
         elif verdicts is not None:
             weights = verdicts["posterior_weight"].fillna(verdicts["prior_weight"]).to_numpy()
-            label = f"; {int(verdicts['inconsistent'].sum()) or 'none'} inconsistent"
+            count = verdicts["verdict"].value_counts()
+            label = "".join(f"; {count.get(name, 'none')} {name}" for name in ("inconsistent", "undecided"))
             _draw_branches(
                 axes, branches, weights, f"{len(branches)} hazard curves, darker with more weight{label}"
             )
@@ -109,8 +110,7 @@ def _draw_named(
         verdict = ""
         if verdicts is not None:
             row = verdicts.iloc[number]
-            judged = "inconsistent" if row["inconsistent"] else "consistent"
-            verdict = f": survival {percent(row['survival'])}, {judged}"
+            verdict = f": survival {percent(row['survival'])}, {row['verdict']}"
         axes.plot(
             branch.curve.intensity, branch.curve.annual_rate, ("-", "--", "-.", ":")[number % 4],
             color=colours[number], lw=1.3, label=name + verdict,

@@ -77,7 +77,7 @@ def answer(statement: dict[str, Any]) -> list[str]:
     alive, counts = [branch["survival"] for branch in statement["branches"]], statement["decided"]
     several, at = len(alive) > 1, f"at {100 * statement['confidence']:g} %"
     standing = "the standing rock" if len(statement["rocks"]) == 1 else "the standing rocks"
-    out = counts["branches_inconsistent"]
+    out, open_ = counts["branches_inconsistent"], counts["branches_undecided"]
     if not several or out == len(alive):
         best = max(statement["branches"], key=lambda branch: branch["survival"])
         low, high = best.get("survival_low"), best.get("survival_high")
@@ -86,13 +86,21 @@ def answer(statement: dict[str, Any]) -> list[str]:
         verdict = (
             f"{every} branches of the hazard are inconsistent with {standing} {at}: survival is at most"
             if several
-            else f"The hazard is {'inconsistent' if out else 'consistent'} with {standing} {at}: survival is"
+            else f"Whether the hazard is consistent with {standing} {at} is undecided: survival is"
+            if open_
+            else f"The hazard is {best['verdict']} with {standing} {at}: survival is"
         )
+        if open_:
+            drawn += (
+                f" by the rates within the curve's points, {percent(best['survival_least'])} with those that may lie "
+                "outside: give a curve that extends further"
+            )
         return [f"{verdict} {percent(best['survival'])}{drawn}.", _allowed(statement)]
     weight = f", with {percent(counts['weight_inconsistent'])} of the prior weight" if out else ""
+    more = f", {open_} undecided by rates outside the curve (give one that extends further)" if open_ else ""
     first = (
         f"{out or 'None'} of the {len(alive)} branches {'are' if out > 1 else 'is'} inconsistent with {standing} "
-        f"{at}{weight}: survival is {percent(counts['survival_mean_of_branches'])} on average, "
+        f"{at}{weight}{more}: survival is {percent(counts['survival_mean_of_branches'])} on average, "
         f"{percent(min(alive))} to {percent(max(alive))} by branch."
     )
     before, after = (f"{counts[f'effective_branches_{when}']:.3g}" for when in ("prior", "posterior"))
@@ -156,6 +164,7 @@ def _allowed(statement: dict[str, Any]) -> str:
     if of["scale_factor"] is None:
         return f"However strong {which}'s motions were, survival would stay above {least}: there are too few events."
     allowed = "already too strong" if of["scale_factor"] < 1 else "compatible as it is"
+    allowed += " within its points" * (statement["decided"]["branches_undecided"] > 0)
     return (
         f"The motions of {which} may be multiplied by at most {with_ends(of, 'scale_factor', level=', 95 %')}, or "
         f"its rates by {with_ends(of, 'rate_factor', level=', 95 %')}, for survival to stay above {least}: it is "
@@ -365,9 +374,8 @@ def _branch_lines(statement: dict[str, Any]) -> list[str]:
     if not branches:
         return []
     few = len(branches) <= MOST_NAMED
-    lines = []
+    lines, at = [], f"at {100 * statement['confidence']:g} %"
     for branch in branches if few else [*branches[: MOST_NAMED - 1], branches[-1]]:
-        verdict = "inconsistent" if branch["inconsistent"] else "consistent"
         weights = ""
         if len(branches) > 1 and branch["posterior_weight"] is not None:
             weights = (
@@ -375,7 +383,7 @@ def _branch_lines(statement: dict[str, Any]) -> list[str]:
             )
         lines.append(
             f"{branch['name']}: topples at {branch['toppling_rate']:.2e} a year, "
-            f"survival {percent(branch['survival'])}, {verdict} at {100 * statement['confidence']:g} %{weights}"
+            f"survival {percent(branch['survival'])}, {branch['verdict']} {at}{weights}"
         )
         if few:
             lines += [*_reserved(branch, statement), *_taken_at(branch)]
@@ -425,11 +433,8 @@ def _reserved(branch: dict[str, Any], statement: dict[str, Any]) -> list[str]:
     for name, where in _OUTSIDE.items():
         if (share := branch.get(name, 0.0)) > 0.01:
             lines.append(f"  {100 * share:.0f} % of its toppling rate may lie {where}: not counted")
-    if branch.get("survival_least", 1.0) < least <= branch["survival"]:
-        lines.append(
-            f"  including it, survival would be {percent(branch['survival_least'])} and the branch "
-            "inconsistent: give a curve that extends further"
-        )
+    if branch["verdict"] == "undecided":
+        lines.append(f"  including it, survival would be {percent(branch['survival_least'])}")
     return lines
 
 

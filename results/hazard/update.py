@@ -133,6 +133,22 @@ class Update:
         return self.survival < 1.0 - self.confidence
 
     @cached_property
+    def survival_least(self) -> Array:
+        """Survival under each branch with what may topple the rocks outside its curve's points; events omit none."""
+        if self.tree is None:
+            return self.survival
+        curves = [rock.curve for rock in self.rocks]
+        whole = [Branch(curve.name, 1.0, continued(curve, curves)) for curve in self.tree.curves]
+        trees = [HazardTree(self.tree.measure, (branch,)) for branch in whole]
+        return np.array([Update.of_curves(self.rocks, tree, self.exposure).survival[0] for tree in trees])
+
+    @property
+    def verdicts(self) -> NDArray[np.str_]:
+        """Verdict on each branch: undecided where it depends on what the curve leaves out."""
+        accepted = np.where(self.survival_least < 1.0 - self.confidence, "undecided", "consistent")
+        return np.where(self.inconsistent, "inconsistent", accepted)
+
+    @cached_property
     def posterior(self) -> Array | None:
         """Posterior weights of the branches; None where all are inconsistent and an update is meaningless."""
         return None if self.inconsistent.all() else branch_weights(self.events.prior, self.survival)
@@ -173,7 +189,7 @@ class Update:
 
         A branch is inconsistent where the rocks survive with less than 1 - confidence (5 % in Stirling et al. 2021).
 
-        Returns DataFrame: one row per branch: name, toppling_rate (annual, any of the rocks), inconsistent,
+        Returns DataFrame: one row per branch: name, toppling_rate (annual, any of the rocks), verdict,
         prior_weight, posterior_weight (null where all branches are inconsistent), and columns of `factors`. For a set
         of events also model, events and effective_events (Kish's number for the toppling rate); for curves
         unstated_below and unstated_above (fractions of the rate outside the curve's points, not counted:
@@ -184,7 +200,7 @@ class Update:
         ]
         table = pd.DataFrame({
             "name": [branch.name for branch in self.events.branches],
-            "toppling_rate": [part.sum() for part in bearing_rate], "inconsistent": self.inconsistent,
+            "toppling_rate": [part.sum() for part in bearing_rate], "verdict": self.verdicts,
             "prior_weight": self.events.prior,
             "posterior_weight": math.nan if self.posterior is None else self.posterior,
         })  # fmt: skip
@@ -198,13 +214,7 @@ class Update:
             curves = [rock.curve for rock in self.rocks]
             fractions = [unstated_fractions(curves, curve) for curve in self.tree.curves]
             table["unstated_below"], table["unstated_above"] = zip(*fractions, strict=True)
-            whole = [Branch(curve.name, 1.0, continued(curve, curves)) for curve in self.tree.curves]
-            table["survival_least"] = [
-                Update.of_curves(
-                    self.rocks, HazardTree(self.tree.measure, (branch,)), self.exposure
-                ).survival[0]
-                for branch in whole
-            ]
+            table["survival_least"] = self.survival_least
         return table.join(self.factors.iloc[:-1].drop(columns="name"))
 
     @property
@@ -220,6 +230,7 @@ class Update:
             "survival_mean_of_branches": float(prior @ self.survival),
             "weight_inconsistent": float(prior[out].sum()),
             "branches_inconsistent": int(out.sum()),
+            "branches_undecided": int((self.verdicts == "undecided").sum()),
         }
 
     @property

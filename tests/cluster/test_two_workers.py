@@ -139,9 +139,9 @@ def test_a_run_audits_itself_and_its_rows_stay_what_they_are(campaign, client, u
     planned = plan(audited, Scene.load(audited.scene), Ensemble.load(audited.ensemble))
     assert audit_due(planned, folder) == 0
     # More jobs add to those that were done.
-    progresses = audit(
-        Work(planned, folder, versions(), client, lambda progress: None, RunProgress(46, 0)), 46
-    )
-    assert [(progress.before, progress.done) for progress in progresses] == [(40, 6)] * len(progresses)
+    # Deaths are those of the whole session, before and in its audits.
+    work = Work(planned, folder, versions(), client, lambda progress: None, RunProgress(46, 0, deaths=1))
+    found = [(progress.before, progress.done, progress.deaths) for progress in audit(work, 46)]
+    assert found == [(40, 6, 1)] * len(found)
     completed = CliRunner().invoke(cli, ["status", str(folder), "--json"])
     assert json.loads(completed.stdout)["audit"]["jobs"] == 46

@@ -208,7 +208,7 @@ def branches_table(statement: dict[str, Any], document: Document) -> list[Block]
             "survival (%)": with_ends(row, "survival", _percent),
             "motions at most times": with_ends(row, "scale_factor"),
             "rates at most times": with_ends(row, "rate_factor"),
-            "verdict": "" if "inconsistent" not in row else "inconsistent" if row["inconsistent"] else "consistent",
+            "verdict": row.get("verdict", ""),
         }
         for row in rows
     ]).replace("", None).dropna(axis="columns", how="all").fillna("")  # fmt: skip

@@ -9,7 +9,7 @@ import toppling
 ROOT = Path(__file__).parents[2]
 ROOMS = ("models", "workers", "orchestrator", "results")
 FILE_LINES, FUNCTION_LINES, PARAMETERS = 800, 80, 7
-SOURCE_LINES, TEST_LINES = 58_148, 27_572
+SOURCE_LINES, TEST_LINES = 58_108, 27_571
 """Lines in all. Each landing that removes some lowers these; nothing raises them."""
 
 WORDS_OF_DOCS = 13_000
